@@ -1,7 +1,7 @@
 """Stage `axis`: one motor at a time, with a small current that rises slowly until the axis has moved a little.
 
-Brakes have to hold against it first; then the brake of this axis alone lets go. What moves, which way, and what the
-potentiometer says of it tell wrong signs, wrong scales, swapped plugs, stuck axes and brakes, and dead motors.
+Brakes must hold against it first; then only the brake of this axis is released. The moving axis, its direction and its
+potentiometer reveal wrong signs, wrong scales, swapped plugs, stuck axes and brakes, and failed motors.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from trocar.tools.commission.subject import Subject
 from trocar.tools.commission.window import Floats, Window
 
 SHARE: Final = 0.4  # of the motor's largest current
-SHARE_WITH_BRAKE: Final = 0.5  # what has a brake has weight: it must not fall when that lets go
+SHARE_WITH_BRAKE: Final = 0.5  # an axis with a brake has weight: it must not fall when the brake is released
 RISE_S: Final = 1.0
 TRAVEL_RAD, TRAVEL_M = 0.035, 0.005
 TIMEOUT_S: Final = 12.0
 REST_S: Final = 0.4
-HOLDS: Final = 0.2  # of the travel, what a brake that holds may give
-LEAST: Final = 0.4  # of the travel, what counts as motion
+HOLDS: Final = 0.2  # of the travel: maximum motion against a holding brake
+LEAST: Final = 0.4  # of the travel: minimum that counts as motion
 SLOPE_WITHIN: Final = 0.3  # potentiometer against encoder, over so short a way
 CURRENT_WITHIN: Final = 0.5  # measured against requested, while it changes
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """One drive of an axis: the answer, and by what encoders and potentiometers (n,) moved (rad, m)."""
+    """One drive of an axis: the answer, and the motion of encoders and potentiometers (n,) (rad, m)."""
 
     answer: CommandOutcome
     moved: Floats
@@ -42,14 +42,14 @@ class Drive:
 
     @classmethod
     def of(cls, answer: CommandOutcome, window: Window, subject: Subject, axis: int) -> Drive:
-        """From what io showed meanwhile."""
+        """From io's records meanwhile."""
         request, current = (window.drives(name, subject)[:, axis] for name in ("current_request", "current"))
         return cls(answer, window.moved("position", subject), window.moved("pot_position", subject),
                    float(np.abs(request).max()), _gain(request, current))
 
 
 def _gain(request: Floats, current: Floats) -> float:
-    """Slope of what is measured over what the write before it requested; NaN where nothing was requested."""
+    """Slope of the measured value over the one requested by the write before; NaN without a request."""
     asked, seen = request[:-1] - request[:-1].mean(), current[1:] - current[1:].mean()
     power = float(asked @ asked)
     return float(asked @ seen) / power if power > 0.0 else float("nan")
@@ -178,7 +178,7 @@ def _still(up: Drive, down: Drive, subject: Subject, axis: int) -> Finding:
 
 
 def _against_pot(up: Drive, down: Drive, subject: Subject, axis: int) -> list[Finding]:
-    """What its potentiometer says of its motion."""
+    """Comparison of its motion with its potentiometer's."""
     where, unit = subject.where(axis), subject.unit(axis)
     way, pot = float(up.moved[axis] - down.moved[axis]), float(up.pots[axis] - down.pots[axis])
     slope = pot / way

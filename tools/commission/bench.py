@@ -1,4 +1,4 @@
-"""What stages work with: the robots, the person, and a running system that is looked at and asked."""
+"""Environment of the stages: the robots, the person, and a running system to observe and command."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OFF_S: Final = 0.2  # amplifiers are off long before
 
 @dataclass(frozen=True, slots=True)
 class CommandOutcome:
-    """What became of a command: done, refused or failed, and why."""
+    """Outcome of a command: done, refused or failed, and the reason."""
 
     outcome: str
     text: str
@@ -49,7 +49,7 @@ class RunningBench(Closable):
         self.subjects = subjects_of(document, chosen)
         self._open = contextlib.ExitStack()
         self.time = self._open.enter_context(SystemTime(self.system))
-        """What stages measure and wait in; a rehearsal's may be simulated."""
+        """The time in which stages measure and wait; a rehearsal's may be simulated."""
         self._readers: dict[str, RingReader] = {}
         self._remotes: dict[str, Remote] = {}
         for io in {subject.io for subject in self.subjects}:
@@ -58,7 +58,7 @@ class RunningBench(Closable):
             self._remotes[io] = self._open.enter_context(Remote(self.system, io))
 
     def sample(self, io: str, seconds: float) -> Window:
-        """So much of the time to come, of one io; Problem when nothing comes."""
+        """Records of one io for this time from now on; Problem if there are none."""
         since = self.time.now_ns()
         end, parts = since + round(seconds * 1e9), []
         while self.time.now_ns() < end:
@@ -75,7 +75,7 @@ class RunningBench(Closable):
 
     def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
             tuple[CommandOutcome, Window]:
-        """Ask an io for something, and what its record showed until it answered for good."""
+        """Send a command to an io; returns its records until the final answer."""
         remote, since, parts = self._remotes[io], self.time.now_ns(), []
         number, end = remote.send(command, np.array(values), text), since + round(timeout * 1e9)
         while True:
@@ -93,7 +93,7 @@ class RunningBench(Closable):
         bring_all(self.system, [subject.arm], ENABLED)
 
     def disable(self, subject: Subject) -> None:
-        """All of it off. What the arm says to it is second: io is asked as well, and its amplifiers are looked at."""
+        """Switch everything off. The arm's answer is secondary: io gets the command too, and amplifiers are checked."""
         with contextlib.suppress(Problem):
             bring_all(self.system, [subject.arm], DISABLED)
         self.asked(subject.io, "power_off", (), subject.name, 2.0)

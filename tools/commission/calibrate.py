@@ -1,9 +1,9 @@
-"""Stage `calibrate`: scales and offsets of analog potentiometers, and of grippers, from what hands show them.
+"""Stage `calibrate`: scales and offsets of analog potentiometers, and of grippers, from motions by hand.
 
-As the original's scripts do: a scale is the slope of the encoder, moved by hand, over the voltage; an offset makes the
-potentiometer read 0 where the person holds the axis in its zero position. A gripper is 0 where its second spring begins
-and 60° fully open, as far as tools open. The values go into a new IO file, or with --write into the IO file itself,
-whose old content is kept beside it.
+As in the original's scripts: a scale is the slope of the encoder, moved by hand, over the voltage; an offset makes the
+potentiometer read 0 in the zero position, in which the person holds the axis. A gripper is 0 where its second spring
+begins and 60° fully open, as far as tools open. The values are written to a new IO file, or with --write to the IO file
+itself, with the old content kept beside it.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from trocar.tools.commission.subject import Subject
 from trocar.tools.commission.window import Floats, Window
 
 OPEN_RAD: Final = float(np.radians(60.0))
-SHARE: Final = 0.4  # of its range, over which a hand moves an axis
+SHARE: Final = 0.4  # of its range: motion of an axis by hand
 MAX_WAY_RAD, MAX_WAY_M = 1.0, 0.1
-RESIDUAL: Final = 0.03  # of that way: what a straight line may leave
+RESIDUAL: Final = 0.03  # of that motion: maximum residual of a straight line
 SCALE_WITHIN: Final = 0.25  # a new scale against the old one
 MIN_V: Final = 0.2  # between closed and open
 HOLD_S: Final = 2.0
@@ -112,7 +112,7 @@ def _held(bench: RunningBench, subject: Subject, act: Put | Squeeze, text: str) 
 
 
 def way_of(subject: Subject, axis: int) -> float:
-    """How far a hand moves an axis to calibrate it."""
+    """Motion of an axis by hand for its calibration."""
     low, high = subject.range_of(axis)
     return min(MAX_WAY_M if subject.slides(axis) else MAX_WAY_RAD, SHARE * (high - low) or MAX_WAY_RAD)
 
@@ -158,7 +158,7 @@ def _gripper(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[in
 
 
 def gripper_line(closed_v: float, open_v: float) -> FittedLine | None:
-    """From the voltages of a closed and an open gripper; None where they cannot be told apart."""
+    """From the voltages of a closed and an open gripper; None if they are indistinguishable."""
     if not abs(open_v - closed_v) >= MIN_V:
         return None
     scale = OPEN_RAD / (open_v - closed_v)

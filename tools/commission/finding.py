@@ -1,4 +1,4 @@
-"""What a stage of commissioning finds: problems that stop it, figures for the report, remarks."""
+"""Findings of a commissioning stage: problems that stop it, figures for the report, remarks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that must not be: where (robot, axis, board), what was seen, what is allowed, what to do."""
+    """A violation: place (robot, axis, board), observation, allowed values, remedy."""
 
     where: str
     seen: str

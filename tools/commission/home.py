@@ -40,7 +40,7 @@ def run(bench: RunningBench) -> Outcome:
 
 
 def homed(bench: RunningBench, subject: Subject) -> list[Finding]:
-    """Home an arm; what is wrong, where it does not get there."""
+    """Home an arm; returns the problem if it does not get there."""
     try:
         bring_all(bench.system, [subject.arm], HOMED)
     except Problem as problem:

@@ -17,12 +17,12 @@ from trocar.tools.output.errors import Problem
 from trocar.tools.output.new_file import put
 
 Values = Mapping[str, Mapping[int, tuple[float, float]]]  # by robot and axis: scale and offset
-DIGITS: Final = 9  # of what is written
+DIGITS: Final = 9  # of the written numbers
 
 
 @dataclass(slots=True)
 class SavedIoFile:
-    """The file that was written, the lines that changed, what is to be known of it."""
+    """The written file, the changed lines, further remarks."""
 
     path: Path
     diff: str
@@ -71,7 +71,7 @@ def _rounded(value: float) -> float:
 
 
 def _check(path: Path, fresh: Path) -> None:
-    """Problem where what is going to be `path` has errors."""
+    """Problem if the future content of `path` has errors."""
     errors = [problem for problem in check_file(fresh).problems if problem.severity == "error"]
     if errors:
         raise Problem(f"{path} would not be valid: {errors[0]}")

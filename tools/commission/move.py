@@ -25,7 +25,7 @@ RATIO: Final = 0.1  # of the usual speed
 WAY_RAD, WAY_M = 0.1, 0.01
 ARRIVES_RAD, ARRIVES_M = 0.02, 0.002
 TRACKING: Final = 0.3  # of the error that trips
-BEYOND_RAD, BEYOND_M = 0.05, 0.005  # past a limit, what is asked for
+BEYOND_RAD, BEYOND_M = 0.05, 0.005  # past a limit, in the command
 SETTLE_S, TIMEOUT_S, LOOK_S = 0.5, 120.0, 0.1
 PATIENCE_S: Final = 1.0  # with a value that is not valid
 
@@ -47,7 +47,7 @@ def run(bench: RunningBench) -> Outcome:
 
 
 def _watched(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Finding]:
-    """Moved; where that fails, with what the arm said of it."""
+    """Move; a failure includes the arm's message."""
     with Watch(bench.system, subject.arm) as watch, warnings.catch_warnings():
         warnings.simplefilter("ignore", Short)  # where it arrives is judged here
         try:
@@ -109,7 +109,7 @@ def steady(read: Callable[[], tuple[T, int]]) -> T:
 
 def _went(bench: RunningBench, subject: Subject, arm: Arm, goal: Floats,
           called: tuple[str, list[str]]) -> tuple[list[Finding], Window]:
-    """Go somewhere and look at how that goes; `called`: the joint that is moved, and all of them."""
+    """Go to a pose and check the motion; `called`: the name of the moving joint, and all of them."""
     name, names = called
     parts = [bench.sample(subject.io, LOOK_S)]
     try:
@@ -153,7 +153,7 @@ def judge_arrival(subject: Subject, goal: Floats, measured: Floats, names: list[
 
 def _to_limit(bench: RunningBench, subject: Subject, arm: Arm, start: Floats, names: list[str],
               known: tuple[Floats, Floats, list[bool]]) -> list[Finding]:
-    """Ask for more than a limit of the joint that is nearest to one: it must stay there."""
+    """Command a goal beyond a limit of the joint nearest to one: it must stay at the limit."""
     low, high, slides = known
     with np.errstate(divide="ignore", invalid="ignore"):
         room = np.minimum(high - start, start - low) / (high - low)

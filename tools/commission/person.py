@@ -1,4 +1,4 @@
-"""Who is asked before something powers or moves, and does by hand what only hands can do."""
+"""The person who confirms before power or motion, and does the manual work."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Declined(Problem):
 
 @dataclass(frozen=True, slots=True)
 class Carry:
-    """Move one axis of a robot without power by hand, to and fro, by so much at least (rad or m)."""
+    """Move one axis of a robot without power by hand, back and forth, by at least this much (rad or m)."""
 
     subject: Subject
     axis: int
@@ -36,7 +36,7 @@ class Carry:
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Put all axes of a robot somewhere (rad or m) and keep them there."""
+    """Move all axes of a robot to a position (rad or m) and keep them there."""
 
     subject: Subject
     position: tuple[float, ...]
@@ -72,26 +72,26 @@ Person: TypeAlias = "AtTerminal | PersonSim"
 
 
 class AtTerminal:
-    """Somebody who reads and types."""
+    """A person who reads and types."""
 
     def __init__(self) -> None:
-        """Misuse where nobody can type."""
+        """Misuse if no terminal is available."""
         if not sys.stdin.isatty():
             raise Misuse("commissioning asks a person, and here is no terminal; --yes is for emulated boards")
 
     def confirm(self, danger: str, word: str) -> None:
-        """Say what is going to happen and have the word typed; Declined when it is not."""
+        """Announce the next action and have the word typed; Declined if it is not."""
         tell(f"\n{danger}", flush=True)
         reported = input(f"Type {word} to go on, anything else stops: ").strip()
         if reported != word:
             raise Declined(f"not confirmed: {reported or 'nothing'!r} was typed, not {word!r}; nothing was switched on")
 
     def supporting(self, subject: Subject) -> AbstractContextManager[object]:
-        """Hold by hand what can fall, as was asked for in `confirm`."""
+        """Hold by hand parts that can fall, as requested in `confirm`."""
         return contextlib.nullcontext()
 
     def agrees(self, question: str) -> bool:
-        """A question whose answer only eyes can give."""
+        """A question that only a look can answer."""
         while True:
             reported = input(f"{question} [y/n] ").strip().lower()
             if reported in ("y", "yes", "n", "no"):
@@ -107,7 +107,7 @@ class AtTerminal:
                 return tuple(int(word) for word in words)
 
     def doing(self, act: Act, text: str) -> Iterator[None]:
-        """Have something done by hand: yields as long as the person is at it, until Enter, or for two minutes."""
+        """Have manual work done: yields while the person is at work, until Enter, or for two minutes."""
         tell(f"\n{text}\n(Enter when it is done)", flush=True)
         end = monotonic_ns() + round(PATIENCE_S * 1e9)
         with contextlib.suppress(GeneratorExit):
@@ -119,7 +119,7 @@ class AtTerminal:
         print("\r\033[K", end="", flush=True)
 
     def show(self, line: str) -> None:
-        """What is measured meanwhile."""
+        """The measurements meanwhile."""
         print(f"\r\033[K{printable(line, '')}", end="", flush=True)
 
     def report(self, line: str) -> None:

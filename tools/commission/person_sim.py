@@ -1,4 +1,4 @@
-"""A person simulated on emulated boards: confirms everything, and does with `boards` what hands do to a real robot."""
+"""A simulated person for emulated boards: confirms everything, and does all manual work through `boards`."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from trocar.tools.output.closable import Closable
 from trocar.tools.output.printing import note
 
 STEPS: Final = 8  # of a motion by hand, each way
-BEYOND: Final = 1.3  # times what is asked for
-WAITS: Final = 40  # looks that somebody takes who waits for something to happen
+BEYOND: Final = 1.3  # times the requested motion
+WAITS: Final = 40  # looks while the person waits for an event
 OPEN, CLOSED = math.radians(60.0), 0.0  # gripper, rad
 
 Order = Callable[[str, Sequence[float], str], None]
@@ -36,7 +36,7 @@ class PersonSim:
         self._order, self._truth = order, truth
 
     def confirm(self, danger: str, word: str) -> None:
-        """Nothing is asked."""
+        """Confirms without a question."""
 
     @contextlib.contextmanager
     def supporting(self, subject: Subject) -> Iterator[None]:
@@ -72,7 +72,7 @@ class PersonSim:
                 self._order("press", (float(pressed),), name)
                 try:
                     yield from (None for _ in range(WAITS))
-                finally:  # also when nobody looks any more
+                finally:  # also when the caller stops early
                     self._order("press", (float(not pressed),), name)
                 yield from (None for _ in range(WAITS))
             case Stop(pressed):

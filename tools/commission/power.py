@@ -12,7 +12,7 @@ from trocar.tools.commission.subject import Subject
 from trocar.tools.commission.window import Window
 
 SUPPLY_S: Final = 8.0  # then io switches it off by itself
-UP_S: Final = 3.0  # what a supply has to come up; never more: some overheat their boards meanwhile
+UP_S: Final = 3.0  # time for a supply to come up; never more: some overheat their boards meanwhile
 LOOK_S: Final = 1.0
 IDLE_A: Final = 0.1
 
@@ -50,7 +50,7 @@ def _one(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Findin
 
 
 def judge(window: Window, after: Window, subject: Subject) -> list[Finding]:
-    """The supply came up, no amplifier did; `after`: all of it is gone again."""
+    """The supply came up, no amplifier did; `after`: all of it is off again."""
     found = []
     on = window.drives("amp_on", subject)
     currents = np.abs(window.drives("current", subject)[-len(window) // 4 :]).mean(axis=0)

@@ -1,4 +1,4 @@
-"""Stage `read`: nothing has power; samples, sensors and switches are believable, and a hand moves every axis."""
+"""Stage `read`: without power; samples, sensors and switches are plausible, and every axis is moved by hand."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ REHEARSAL_LOOKS: Final = 4
 LOOK_S: Final = 0.05
 MIN_VALID: Final = 0.99  # share of good samples
 RATE_WITHIN: Final = 0.1
-VOLTS_EDGE: Final = 0.02  # of the converter's range, at either end: what is closer is a loose wire
+VOLTS_EDGE: Final = 0.02  # of the converter's range, at either end: closer values mean a loose wire
 FULL_BITS: Final = 65535
 MAX_NOISE_V: Final = 0.05
 BEYOND_RANGE: Final = 0.15  # of the range of an axis, how far outside its limits a potentiometer may see it
-IDLE_A: Final = 0.1  # measured without power: what is more is an offset that has to be calibrated
+IDLE_A: Final = 0.1  # measured without power: more means an offset that needs calibration
 CELSIUS = (5.0, 50.0)
-HAND_RAD, HAND_M = 0.15, 0.02  # how far a hand moves an axis
+HAND_RAD, HAND_M = 0.15, 0.02  # motion of an axis by hand
 SLOPE_WITHIN: Final = 0.15  # potentiometer against encoder
-LEAST = 0.3  # of what a hand should move: less is no motion
+LEAST = 0.3  # of the requested motion: less is no motion
 
 
 def run(bench: RunningBench) -> Outcome:
@@ -52,8 +52,8 @@ def run(bench: RunningBench) -> Outcome:
 
 
 def _at_rest(bench: RunningBench, name: str) -> tuple[Window, list[Finding]]:
-    """A while without power, and what is wrong with its samples. Emulated boards share the machine with us, and may be
-    held up with it: one good look of several is enough there.
+    """A while without power, and the problems of its samples. Emulated boards share the machine with us, and may be
+    stalled with it: one good look of several is enough there.
     """
     for _ in range(REHEARSAL_LOOKS if bench.document.emulation is not None else 1):
         window = bench.sample(name, REST_S)
@@ -69,7 +69,7 @@ def rate_of(window: Window) -> float:
 
 
 def judge_samples(io: str, window: Window, period_s: float) -> list[Finding]:
-    """Whether an io hears its boards, and in time."""
+    """Whether an io receives its boards' data, and in time."""
     found, good, rate = [], float(window.fields["valid"].mean()), rate_of(window)
     if not good >= MIN_VALID:
         found.append(Finding(io, f"{100 * good:.1f} % of its samples are good", f"{100 * MIN_VALID:g} % at least",
@@ -81,7 +81,7 @@ def judge_samples(io: str, window: Window, period_s: float) -> list[Finding]:
 
 
 def judge_rest(window: Window, subject: Subject) -> list[Finding]:
-    """Sensors of a robot that stands still without power."""
+    """Sensors of a robot at rest without power."""
     found = []
     on = window.ever_on(subject)
     for axis in range(len(subject.robot.actuators)):
@@ -145,7 +145,7 @@ def _temperature(window: Window, subject: Subject) -> list[Finding]:
 
 
 def _by_hand(bench: RunningBench, subject: Subject, outcome: Outcome) -> None:
-    """Every axis that a hand can move, one after the other."""
+    """Every axis that can be moved by hand, one after the other."""
     for axis in range(len(subject.robot.actuators)):
         if subject.actuator(axis).encoder is None:
             continue
@@ -164,7 +164,7 @@ def _by_hand(bench: RunningBench, subject: Subject, outcome: Outcome) -> None:
 
 
 def carried(bench: RunningBench, subject: Subject, axis: int, by: float) -> Window:
-    """What the sensors see while a person moves an axis to and fro; ends when it has gone far enough."""
+    """Sensor data while a person moves an axis back and forth; ends when it has moved far enough."""
     far = f"{by * 1e3:.0f} mm" if subject.slides(axis) else f"{np.degrees(by):.0f}°"
     text = (f"Move {subject.title(axis)} by hand, first in its positive direction, by {far} or more, "
             "and let the others rest.")
@@ -181,7 +181,7 @@ def carried(bench: RunningBench, subject: Subject, axis: int, by: float) -> Wind
 
 
 def judge_hand(window: Window, subject: Subject, axis: int, by: float) -> list[Finding]:
-    """Encoder and potentiometer of an axis that a hand has moved by at least `by`."""
+    """Encoder and potentiometer of an axis that was moved by hand by at least `by`."""
     where, unit = subject.where(axis), subject.unit(axis)
     encoders, pots = window.axes("position", subject), window.axes("pot_position", subject)
     spans = np.ptp(encoders, axis=0)
@@ -221,7 +221,7 @@ def _first_way(window: Window, subject: Subject, axis: int) -> str:
 
 
 def _buttons(bench: RunningBench, outcome: Outcome) -> None:
-    """Digital inputs, one after the other; what nobody presses is a remark."""
+    """Digital inputs, one after the other; an input that is not pressed is a remark."""
     tried, left = {}, []
     for name in dict.fromkeys(subject.io for subject in bench.subjects):
         for place, row in enumerate(bench.document.io(name).digital_inputs):

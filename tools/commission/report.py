@@ -32,7 +32,7 @@ class Try:
     seconds: float
     who: str
     boards: str  # real or emulated
-    files: str  # fingerprint of what the files say of the robots, but for potentiometers
+    files: str  # fingerprint of the files' content about the robots, except potentiometers
     problems: tuple[str, ...]
     notes: tuple[str, ...]
     figures: dict[str, Any]
@@ -42,7 +42,7 @@ class CommissionReport:
     """All tries; saved after each."""
 
     def __init__(self, path: Path, system: str) -> None:
-        """Read what is there; Problem where that is no report, or of another system."""
+        """Read an existing report; Problem if it is invalid, or of another system."""
         self.path, self.system = path, system
         self.tries: list[Try] = []
         if path.exists():
@@ -105,7 +105,7 @@ class CommissionReport:
 
 
 def fingerprint(system: SystemConfig) -> str:
-    """Of all that the files say of robots, but what calibrating potentiometers changes, and names of files."""
+    """Of all file content about the robots, except values changed by calibrating potentiometers, and names of files."""
     rows = [dataclasses.asdict(robot) for io in system.ios if io.port for robot in io.robots]
     for row in rows:
         del row["source"], row["lookup"]

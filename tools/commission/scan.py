@@ -15,7 +15,7 @@ UNKNOWN: Final = "HARDWARE_UNDEFINED"
 
 
 class Scanned(Protocol):
-    """What this stage needs: it runs before there is a system, but for emulated boards."""
+    """Environment of this stage: it runs before there is a system, except for emulated boards."""
 
     document: SystemConfig
 
@@ -45,7 +45,7 @@ def _figures(desk: BusClient, board: FoundBoard, asks: bool) -> dict[str, Any]:
 
 
 def boards_of(io: IoConfig) -> dict[int, str]:
-    """Board ids that a bus needs, each with what needs it."""
+    """Board ids that a bus needs, each with the robots that need it."""
     needed: dict[int, str] = {}
     for robot in io.robots:
         for number in boards_of_robot(robot):

@@ -16,12 +16,12 @@ class CommissionStage:
 
     `live`: io runs meanwhile, else (on real boards) there is no system.
 
-    `real_time`: a rehearsal, too, needs it; the others do with simulated time, which waits where the computer is busy.
+    `real_time`: a rehearsal needs it, too; for the others simulated time suffices, which waits for a busy computer.
     """
 
     name: str
     text: str
-    stops: str  # what it stops at
+    stops: str  # the findings at which it stops
     live: bool = True
     real_time: bool = False
 

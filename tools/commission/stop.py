@@ -20,7 +20,7 @@ from trocar.tools.inspect import samples
 from trocar.tools.inspect.bus_client import BusClient, FoundBoard
 from trocar.tools.systems.processes import CONTINUE, RunningProcess, running
 
-STOP: Final = 19  # signal: the process stands still
+STOP: Final = 19  # signal: the process is stopped
 STOP_S: Final = 0.1  # from the safety chain to the last amplifier
 SLACK_S: Final = 0.05  # our own looking, beside the watchdog's time
 STAYS_S: Final = 2.0
@@ -72,7 +72,7 @@ def _emergency_stop(bench: RunningBench, arms: list[Subject], outcome: Outcome) 
 
 
 def stop_s(window: Window, subject: Subject) -> float:
-    """From the first sample without supply or relay to the first without an amplifier on; NaN where one never came."""
+    """From the first sample without supply or relay to the first without an amplifier on; NaN if one never occurred."""
     chain = ~(window.flags("powered", subject) & window.flags("relay", subject))
     on = np.flatnonzero(np.any(window.drives("amp_on", subject), axis=1))
     if not chain.any() or (len(on) and on[-1] == len(window) - 1):
@@ -82,7 +82,7 @@ def stop_s(window: Window, subject: Subject) -> float:
 
 
 def judge_stop(window: Window, subject: Subject) -> list[Finding]:
-    """What the emergency stop did."""
+    """Effect of the emergency stop."""
     on = window.drives("amp_on", subject)[-1]  # of its actuators, then its brakes
     if on.any():
         axis = int(on.argmax()) % len(subject.robot.actuators)
@@ -99,7 +99,7 @@ def judge_stop(window: Window, subject: Subject) -> list[Finding]:
 
 
 def judge_stays_off(window: Window, subject: Subject) -> list[Finding]:
-    """Released, nothing may come back by itself."""
+    """After its release, nothing may switch on by itself."""
     on = window.ever_on(subject)
     if not on.any():
         return []
@@ -109,7 +109,7 @@ def judge_stays_off(window: Window, subject: Subject) -> list[Finding]:
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """What boards did while their host was silent: when each cut (s; absent: never), and amplifiers still on."""
+    """Reaction of boards to a silent host: when each cut (s; absent: never), and amplifiers still on."""
 
     cut_s: dict[int, float]
     still_on: tuple[tuple[int, int], ...]  # board, axis on it from 1
@@ -128,7 +128,7 @@ def _watchdog(bench: RunningBench, io: IoConfig, arms: list[Subject], outcome: O
             process = next(each for each in running(bench.system) if each.instance == io.name)
             silence = _silenced(desk, boards, process, io.watchdog_s + SLACK_S)
         outcome.figures[f"{io.name} watchdog_s"] = {str(board): at for board, at in silence.cut_s.items()}
-        pause(STAYS_S)  # io starts anew meanwhile
+        pause(STAYS_S)  # io restarts meanwhile
         found = judge_silence(io, numbers, silence)
         after = bench.sample(io.name, LOOK_S)
         return found + [each for subject in arms for each in judge_stays_off(after, subject)]
@@ -138,7 +138,7 @@ def _watchdog(bench: RunningBench, io: IoConfig, arms: list[Subject], outcome: O
 
 
 def _silenced(desk: BusClient, boards: Sequence[FoundBoard], process: RunningProcess, limit_s: float) -> Silence:
-    """Stop the io, look at its boards by reads, which refresh no watchdog, and let it go on, whatever happens."""
+    """Stop the io, read its boards, which refreshes no watchdog, and let the io continue in any case."""
     cut: dict[int, float] = {}
     begin_ns = monotonic_ns()
     process.send(STOP)

@@ -1,4 +1,4 @@
-"""What is commissioned: every robot of a system's files that hangs on boards, and where its axes are in io's record."""
+"""Subjects of commissioning: every robot with boards in a system's files, and its axes' positions in io's record."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Subject:
         return f"{self.name} axis {axis} ({self.names[axis]})"
 
     def actuator(self, axis: int) -> Actuator:
-        """What its file says of an axis."""
+        """File data of an axis."""
         return self.robot.actuators[axis]
 
     def slides(self, axis: int) -> bool:
@@ -65,7 +65,7 @@ class Subject:
         return actuator.maximum_current > 0.0 and actuator.effort_to_current != 0.0 and actuator.encoder is not None
 
     def has_pot(self, axis: int) -> bool:
-        """Whether its potentiometer tells its position."""
+        """Whether its potentiometer measures its position."""
         known = self.actuator(axis).potentiometer is not None or bool(self.robot.lookup)
         rows = self.robot.tolerances
         return known and (axis >= len(rows) or rows[axis].distance > 0.0)
@@ -107,5 +107,5 @@ def _of(system: SystemConfig, io: IoConfig) -> list[Subject]:
 
 
 def _owner(system: SystemConfig, subject: Subject) -> str:
-    """The arm that a robot belongs to."""
+    """The arm of a robot."""
     return subject.arm or next((arm.name for arm in system.arms if arm.gripper == subject.name), "")

@@ -38,7 +38,7 @@ REHEARSALS: Final = 4  # of a stage in real time, while it stops
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What is commissioned and how."""
+    """The subject and options of a commissioning run."""
 
     request: StartRequest
     document: SystemConfig
@@ -53,12 +53,12 @@ class Job:
 
 
 def _eased(document: SystemConfig) -> list[str]:
-    """What lets a rehearsal run on a machine that others use, too; what the person sets comes after it and counts."""
+    """Settings that let a rehearsal run on a busy machine; the person's settings follow and take precedence."""
     return [*EASY, *(f"processes.{row.name}.{EASY_LATE}" for row in document.processes if row.kind in ("io", "arm"))]
 
 
 def boards_of(document: SystemConfig) -> str:
-    """What a system runs on: real or emulated."""
+    """Kind of a system's boards: real or emulated."""
     return "real" if document.emulation is None else "emulated"
 
 
@@ -117,7 +117,7 @@ def _refuse_second(system: str) -> None:
 
 
 def _document(request: StartRequest) -> SystemConfig:
-    """The system as its files say; Problem with all that is wrong."""
+    """The system according to its files; Problem with all errors."""
     loaded = load_system(request.file, search=request.paths, boards=request.boards or None, sets=request.sets,
                          name=request.system)
     if loaded.system is None:
@@ -142,7 +142,7 @@ def _list(book: CommissionReport, boards: str, files: str, as_json: bool) -> int
 
 
 def _due(book: CommissionReport, boards: str, files: str, wanted: str) -> list[CommissionStage]:
-    """What is to be done: one stage again, or all after the last that passed."""
+    """Stages to run: one stage again, or all after the last that passed."""
     left = [row for row in STAGES if not book.passed(row.name, boards, files)]
     if not wanted:
         return list(STAGES[STAGES.index(left[0]):]) if left else []
@@ -192,8 +192,7 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
 
 
 def _tried(row: CommissionStage, job: Job, bench: RunningBench | None, folder: Path) -> Outcome:
-    """One stage; what the system refuses is a finding like any other. A rehearsal in real time may be late by chance.
-    """
+    """One stage; a refusal by the system is a finding, too. A rehearsal in real time may be late by chance."""
     for _ in range(REHEARSALS if row.real_time and job.boards == "emulated" else 1):
         outcome = _tried_once(row, job, bench, folder)
         if not outcome.problems:

@@ -27,7 +27,7 @@ class Window:
 
     @classmethod
     def of_rows(cls, rows: NDArray[Any]) -> Window:
-        """From records as a ring gives them."""
+        """From records of a ring."""
         return cls(rows["stamp_ns"] * 1e-9, {name: np.array(rows[name]) for name in FIELDS})
 
     @classmethod

@@ -18,7 +18,7 @@ _NO_ENCODERS = "a gripper and an io-only robot have none that is read"
 
 
 class Actuators:
-    """The rows of a robot's actuators and brakes, and what they tell about its hardware."""
+    """The rows of a robot's actuators and brakes, and their information about its hardware."""
 
     def __init__(self, elements: list[Element], format_version: FormatVersion, only_io: bool, encoders: int) -> None:
         """Of the actuators, the first `encoders` have an encoder that counts."""
@@ -32,7 +32,7 @@ class Actuators:
         self.rows = [self._actuator(element, number) for number, element in enumerate(elements)]
 
     def hardware(self, robot: Element) -> str:
-        """The controllers' version: as stated or, in files older than the attribute, as scales and axes tell."""
+        """The controllers' version: as stated or, in files older than the attribute, derived from scales and axes."""
         stated = robot.word(_HARDWARE, "HardwareVersion")
         if stated or robot.has("HardwareVersion"):
             return stated or ""

@@ -89,7 +89,7 @@ def _tool(keys: Keys) -> Json:
 def _endoscope(keys: Keys, generation: str, row: Json) -> Json:
     old = keys.text("endoscope")
     new = f"{generation}_{old or 'SD_STRAIGHT'}"
-    if old in NAMES or new not in NAMES:  # today's already; or none of ours, which the check of the new file tells
+    if old in NAMES or new not in NAMES:  # already a present name; or unknown, which the check of the new file reports
         new = old
     if not old:
         keys.defaulted("endoscope", new, "the file does not say: check it")

@@ -22,7 +22,7 @@ CONSOLE = "console"
 
 _OLD_BUS = "io"
 _PROTOCOLS = {"broadcast-read-write": "broadcast-query-read-write"}
-_TODAY = {  # what a bus does when its keys are left out, where that was otherwise
+_TODAY = {  # behaviour of a bus without its keys, where that was different
     "protocol": ("broadcast-query-read-write", "today's default; it was sequential-read-broadcast-write"),
     "close_all_relays": ("true", "the default since 2.3.1; before, it was false"),
 }
@@ -47,7 +47,7 @@ def looks_like_console(data: dict[str, object]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ConsoleFiles:
-    """The system file, and the arm files whose keys stood in the old one, by their names."""
+    """The system file, and the arm files with keys from the old one, by their names."""
 
     system: Json
     arms: dict[str, Json] = field(default_factory=dict)
@@ -129,7 +129,7 @@ def _port(io: Keys) -> str:
 
 
 def _console(top: Keys, io: Keys | None, pedals: str) -> Json:
-    """Where clutch, camera and operator come from."""
+    """Sources of clutch, camera and operator."""
     sensor = top.inside("operator-present")
     given = top.inside("console-inputs")
     sources = {name: _interface(given, name.replace("_", "-")) for name in _INPUTS} if given is not None else {}
@@ -179,7 +179,7 @@ def _own(keys: Keys) -> Json:
 
 
 def _rest(top: Keys, teleops: list[str]) -> Json:
-    """What is not of arms and console; `teleops` are the names that components had to stand for teleoperations."""
+    """Keys not about arms or the console; `teleops` are the names of components for teleoperations."""
     row: Json = {}
     chatty = top.flag("chatty")
     if chatty is not None:

@@ -25,7 +25,7 @@ _TOOLS = {
     "psm-pro-grasp": "PROGRASP_FORCEPS:400093",
     "psm-5mm-needle-driver": "NEEDLE_DRIVER:400117",
 }
-_CHAINS = {  # kinematic files that the first versions came with
+_CHAINS = {  # kinematic files shipped with the first versions
     "PSM": {"dvpsm", "psm", "psm-large-needle-driver-tip", *_TOOLS},
     "ECM": {"dvecm", "ecm", "ecm-straight"},
     "MTM": {"dvmtm", "mtm", "mtml", "mtmr", "mtm-deprecated", "mtml-deprecated", "mtmr-deprecated"},
@@ -139,7 +139,7 @@ def _frame(keys: Keys, row: Json) -> None:
 
 
 def _component(keys: Keys, row: Json) -> None:
-    """Component and interface; where an arm of somebody else's did not say, they were its name and `Arm`."""
+    """Component and interface; default for a third-party arm: its name and `Arm`."""
     foreign = str(row["type"]).endswith(("_GENERIC", "_DERIVED"))
     for key, default in (("component", str(row["name"])), ("interface", "Arm")):
         if keys.has(key):

@@ -1,4 +1,4 @@
-"""One run of `trocar convert`: which files it takes, what it writes where, and whom references lead to afterwards."""
+"""One run of `trocar convert`: its input files, output files, and the targets of references afterwards."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _NOTHING = Converted(OTHER, (), (), ())
 
 @dataclass(slots=True)
 class Result:
-    """One file: what it became, which files were written or there already, and what a check of those found."""
+    """One file: its conversion, the files written or already present, and the findings of their check."""
 
     file: Path
-    folder: Path  # where its new files come to
+    folder: Path  # destination of its new files
     data: bytes
     converted: Converted
     copies: bool = False  # it needs no change
@@ -45,7 +45,7 @@ class Result:
 
     @property
     def ok(self) -> bool:
-        """Nothing is wrong, nothing was lost, and what was written is fine."""
+        """No problems, no losses, and valid output."""
         found = [problem for check in self.checks for problem in check.problems]
         return not self.converted.lost and not count((*self.problems, *found))
 
@@ -54,11 +54,11 @@ class Conversion:
     """All files of one call."""
 
     def __init__(self, files: Sequence[Path], to: Path | None, force: bool, path: Sequence[Path]) -> None:
-        """`files` may be folders: everything in them, whose order of folders `to` gets as well."""
+        """`files` may be folders: all files in them; `to` gets the same folder structure."""
         self._force, self._path = force, tuple(path)
         self._olds = [old for file in files for old in _olds(file, to)]
         self._made: dict[Path, Path] = {}  # the first new file of every old one that is no console
-        self._claimed: dict[Path, tuple[bytes, Path]] = {}  # what this run writes, and from which file
+        self._claimed: dict[Path, tuple[bytes, Path]] = {}  # outputs of this run, and the input of each
 
     def results(self) -> list[Result]:
         """Convert, write, then check: systems name the others.
@@ -172,7 +172,7 @@ class Conversion:
             result.problems += self._stock_in_place_of_own(files[0], result)
 
     def _stock_in_place_of_own(self, system: Path, result: Result) -> Iterable[FileProblem]:
-        """What the site has a file of its own for, and gets a stock file for from now on: with the differing values."""
+        """Stock files that replace files of the site's own from now on: with the differing values."""
         folders = search_beside([system], self._path)
         for reference in result.converted.references:
             own = next((folder / reference.old for folder in (result.file.parent, *self._path)
@@ -186,7 +186,7 @@ class Conversion:
 
 
 def _read(file: Path, folder: Path, found: bool) -> Result | None:
-    """What a file becomes; None for one that was `found` in a folder, needs no change and stays where it is."""
+    """Conversion of a file; None for one `found` in a folder that needs no change and stays in place."""
     stays, maybe_old = folder.resolve() == file.parent.resolve(), not found or file.suffix.lower() in SUFFIXES
     if stays and not maybe_old:
         return None
@@ -243,8 +243,9 @@ def _fallback(console: Path, reference: Reference, own: Path, stock: Path, chang
 
 
 def _olds(file: Path, to: Path | None) -> Iterator[tuple[Path, Path, bool]]:
-    """A file, the folder of its new files, and whether it was found in a folder: those of a folder may be any, but for
-    hidden ones and what an earlier run wrote to `to`."""
+    """A file, the folder of its new files, and whether it was found in a folder: files of a folder may be any, except
+    hidden ones and outputs of an earlier run to `to`.
+    """
     if not file.is_dir():
         yield file, to or file.parent, False
         return

@@ -1,4 +1,4 @@
-"""Reading an XML element attribute by attribute, so that whatever nobody asked for is reported at the end."""
+"""Reading an XML element attribute by attribute, so that all unread ones are reported at the end."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FIRST = "the original software read only the first"
 
 
 class Element:
-    """One element, its place in the file and what has been read of it. Mistakes go to the report."""
+    """One element, its place in the file and the attributes read so far. Mistakes go to the report."""
 
     def __init__(self, node: XmlNode, path: str, report: ConversionReport) -> None:
         self.path = path
@@ -79,7 +79,7 @@ class Element:
         return int(text)
 
     def word(self, table: Mapping[str, Value], *names: str) -> Value | None:
-        """What `table` has for the attribute's text; None without it, or (with an error) when there is no such word."""
+        """Entry of `table` for the attribute's text; None without it, or (with an error) for an unknown word."""
         found = self.take(*names)
         if found is None:
             return None
@@ -146,7 +146,7 @@ class Element:
             self.drop_child(tag, reason)
 
     def finish(self) -> None:
-        """Tell what nobody asked for, here and in all that was read of it."""
+        """Report unread attributes, here and in all elements read from it."""
         for name in list(self._attributes):
             self.drop(name, NOT_READ)
         for tag in dict.fromkeys(child.tag for child in self._children):

@@ -1,7 +1,7 @@
-"""IO XML (versions 1 to 5) to the IO JSON format 6: robots, and what is in a file besides them.
+"""IO XML (versions 1 to 5) to the IO JSON format 6: robots, and the rest of a file.
 
 Versions 1 to 4 are in degrees and mm and spell `BoardID`; version 5 is in SI units and spells `BoardId`. A version 5
-with the old spelling was widespread: it is read by its spelling, and an attribute `Unit` counts before either.
+with the old spelling was widespread: it is read by its spelling, and an attribute `Unit` precedes either.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ _FLAGS = {"True": True, "False": False}
 _MAX_BOARDS, _MAX_BITS = 16, 32
 _TRIGGERS = {"all": (True, True), "press": (True, False), "release": (False, True), "none": (False, False)}
 _BITS = {"0": False, "1": True}
-_CLICK = 0.2  # of the debounce time, where an old file did not say
+_CLICK = 0.2  # of the debounce time, default for an old file
 _NO_JOINTS = "joints are those of the kinematic file"
 
 
 @dataclass(frozen=True, slots=True)
 class IoFiles:
-    """What one old file becomes: a file, and one for the gripper that was an MTM's eighth actuator."""
+    """Output for one old file: a file, and one for the gripper that was an MTM's eighth actuator."""
 
     main: Json
     grippers: Json | None = None
-    gripper_name: str = ""  # where a system looks for that file, unless it is told otherwise
+    gripper_name: str = ""  # default location of that file for a system
 
 
 def convert_io(root: XmlNode, report: ConversionReport) -> IoFiles:

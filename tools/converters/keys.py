@@ -1,4 +1,4 @@
-"""Reading a JSON object key by key, so that whatever nobody asked for is reported at the end."""
+"""Reading a JSON object key by key, so that all unread ones are reported at the end."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ def _folded(name: object) -> str:
     return str(name).replace("-", "_")
 
 class Keys:
-    """One object, its place in the file and what has been read of it. Mistakes go to the report."""
+    """One object, its place in the file and the keys read so far. Mistakes go to the report."""
 
     def __init__(self, data: object, lines: Mapping[Key, int], report: ConversionReport, key: Key = ()) -> None:
-        """`data` at `key` of a decoded file whose keys stand on `lines`; something else than an object is an error."""
+        """`data` at `key` of a decoded file whose keys are on `lines`; anything except an object is an error."""
         self.place = key
         self.report = report
         self._lines = lines
         self._read: list[Keys] = []
         if not isinstance(data, dict):
             report.error(self.line(), key_text(key), value_text(data), "wrong type", "an object")
-            self.report = ConversionReport(report.file)  # what would be missing in it needs no telling
+            self.report = ConversionReport(report.file)  # missing keys in it need no report
             data = {}
         # null, [] and {} count as absent
         self._left = {name: value for name, value in data.items() if value not in (None, [], {})}
@@ -50,7 +50,7 @@ class Keys:
         return (*self.place, *(self._spelled(name) if isinstance(name, str) else name for name in names))
 
     def _spelled(self, name: str) -> str:
-        """A key as this file spells it: files that somebody began to bring up to date have `_` in some for `-`."""
+        """A key as this file spells it: partly updated files have `_` in some for `-`."""
         return self._spelling.get(_folded(name), name)
 
     def has(self, name: str) -> bool:
@@ -58,11 +58,11 @@ class Keys:
         return self._spelled(name) in self._left
 
     def peek(self, name: str) -> object:
-        """A value as it stands, left to be read; None when there is none."""
+        """A value as in the file, not marked as read; None if it is missing."""
         return self._left.get(self._spelled(name))
 
     def take(self, name: str) -> object:
-        """A value as it stands; None when there is none."""
+        """A value as in the file; None if it is missing."""
         return self._left.pop(self._spelled(name), None)
 
     def read(self, model: type[BaseModel], skip: Collection[str] = (), **old: str) -> dict[str, object]:
@@ -84,7 +84,7 @@ class Keys:
         return self.followed(name, old) if old else ""
 
     def followed(self, name: str, old: str) -> str:
-        """What a file, named at `name`, is called today: as this run calls it, else as stock files are."""
+        """Present name of a file named at `name`: its name in this run, else that of the stock file."""
         made = self.report.follow(old)
         new = made or file_today(old)
         self.refer(name, old, new, bool(made))
@@ -126,11 +126,11 @@ class Keys:
         return rows
 
     def converted(self, name: str, old: str, new: str, reason: str = "") -> None:
-        """Tell that the value of `name` is written otherwise."""
+        """Report that the value of `name` is written differently."""
         self.report.converted(self.line(name), self.key(name), old, new, reason)
 
     def defaulted(self, name: str, new: str, reason: str) -> None:
-        """Tell that there was no `name`."""
+        """Report that `name` was missing."""
         self.report.defaulted(self.line(name), self.key(name), new, reason)
 
     def drop(self, name: str, reason: str) -> None:
@@ -139,12 +139,12 @@ class Keys:
             self.report.dropped(self.line(name), self.key(name), value_text(self.take(name)), reason)
 
     def lose(self, name: str, reason: str) -> None:
-        """A key that today's format cannot say."""
+        """Report a key that today's format cannot express."""
         if self.has(name):
             self.report.lost(self.line(name), self.key(name), value_text(self.take(name)), reason)
 
     def finish(self) -> None:
-        """Tell what nobody asked for, here and in all that was read of it."""
+        """Report unread keys, here and in all objects read from it."""
         for name in list(self._left):
             self.drop(name, NOT_READ)
         for part in self._read:

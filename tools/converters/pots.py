@@ -19,7 +19,7 @@ _MATRICES = ("JointToActuatorPosition", "ActuatorToJointTorque", "JointToActuato
 
 
 def potentiometers(robot: Element, types: list[str], axes: int, format_version: FormatVersion, analog: bool) -> Json:
-    """The part `potentiometers` of a robot, for its first `axes` actuators, whose joint types are `types`."""
+    """The part `potentiometers` of a robot, for its first `axes` actuators with joint types `types`."""
     row: Json = {"potentiometers_type": "ANALOG" if analog else "NONE"}
     block = robot.child("Potentiometers")
     on_joints = False

@@ -22,7 +22,7 @@ from trocar.tools.converters.xmltext import XmlError, XmlNode, parse_xml
 Json = dict[str, object]
 
 UNKNOWN = "unknown"  # broken, or of a kind of ours that cannot be read
-OTHER = "other"  # no configuration file, which no run over a folder needs to tell
+OTHER = "other"  # not a configuration file; a run over a folder need not report it
 TODAY = "today"  # today's format already
 KINDS = "IO XML, PID XML, .rob, console*.json, arm and SUJ files from before 2.4"
 
@@ -32,7 +32,7 @@ _JSON = re.compile(r"\s*(?:\{|//|/\*)")
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A file of today: its name and what is in it."""
+    """A file in today's format: its name and content."""
 
     name: str
     data: Json
@@ -40,7 +40,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Converted:
-    """What an old file became. With problems there are no outputs."""
+    """Conversion of an old file. With problems there are no outputs."""
 
     kind: str
     outputs: tuple[Output, ...]
@@ -50,7 +50,7 @@ class Converted:
 
     @property
     def lost(self) -> tuple[Change, ...]:
-        """What today's formats cannot say, or need and do not get."""
+        """Content that today's formats cannot express, or need and do not get."""
         return tuple(change for change in self.changes if change.outcome == LOST)
 
     @property
@@ -60,9 +60,9 @@ class Converted:
 
 
 def convert_file(name: str, data: bytes, follow: Callable[[str], str] | None = None) -> Converted:
-    """Convert the bytes of the file called `name`. Nothing raises: mistakes are the result's `problems`.
+    """Convert the bytes of the file called `name`. Raises nothing: mistakes are the result's `problems`.
 
-    `follow` gives the new name of a file that is converted in the same run, by the name the old file has for it, or "".
+    `follow` returns the new name of a file converted in the same run, by its name in the old file, or "".
     """
     report = ConversionReport(name) if follow is None else ConversionReport(name, follow)
     if _XML.match(data):
@@ -75,7 +75,7 @@ def convert_file(name: str, data: bytes, follow: Callable[[str], str] | None = N
 
 
 def with_arm_file(converted: Converted, file: str, old: str, new: str) -> Converted:
-    """What became of `file`, with another name for an arm file that it made; its system file follows."""
+    """The result for `file`, with another name for an arm file that it made; its system file is adapted."""
     system, *rest = converted.outputs
     rows = system.data.get("arms")
     arms = [{**row, "arm_file": new} if isinstance(row, dict) and row.get("arm_file") == old else row
@@ -157,7 +157,7 @@ def _is_headless(data: Json) -> bool:
 
 
 def _with_head(path: PurePath, parsed: Parsed, report: ConversionReport) -> list[Output]:
-    """A file with today's keys that does not say which format it is in."""
+    """A file with today's keys that does not state its format."""
     assert isinstance(parsed.data, dict)
     head = HEADS[kind_of(parsed.data)]
     for key, value in head.items():

@@ -1,4 +1,4 @@
-"""What became of every key of an old file: converted, defaulted, dropped, lost; and what is wrong with the file."""
+"""Fate of every key of an old file: converted, defaulted, dropped, lost; and the problems of the file."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 
 from trocar.procs.config.read.problem import FileProblem
 
-CONVERTED = "converted"  # its value stands in the new file in another unit or under another name
-DEFAULTED = "defaulted"  # the old file said nothing; the new one must
+CONVERTED = "converted"  # its value is in the new file in another unit or under another name
+DEFAULTED = "defaulted"  # missing in the old file; required in the new one
 DROPPED = "dropped"  # nothing needs it any more
-LOST = "lost"  # the new format cannot say it, or needs what the old one did not have: a person has to decide
+LOST = "lost"  # the new format cannot express it, or needs data missing in the old one: a person must decide
 
 NOT_READ = "the original software did not read it"
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\Z")
@@ -20,7 +20,7 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\Z")
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One key that did not go over unchanged; `str()` gives it on one line. `line` 0: the old file has no such line."""
+    """One changed key; `str()` returns it on one line. `line` 0: the old file has no such line."""
 
     file: str
     line: int
@@ -40,7 +40,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """A file that an old one names: as it is called there, and what is read in its place from now on."""
+    """A file named in an old one: its name there, and the file that replaces it from now on."""
 
     line: int
     key: str
@@ -57,8 +57,7 @@ def _nothing(name: str) -> str:
 class ConversionReport:
     """Collects changes and problems while one file is converted.
 
-    `follow` gives the present name of a file that is converted in the same run, by the name that files have for it; ""
-    for others.
+    `follow` returns the present name of a file converted in the same run, by its name in files; "" for others.
     """
 
     file: str
@@ -68,7 +67,7 @@ class ConversionReport:
     problems: list[FileProblem] = field(default_factory=list)
 
     def converted(self, line: int, key: str, old: str, new: str, reason: str = "") -> None:
-        """The value stands in the new file, written otherwise."""
+        """The value is in the new file in another form."""
         self.changes.append(Change(self.file, line, CONVERTED, key, old, new, reason))
 
     def defaulted(self, line: int, key: str, new: str, reason: str) -> None:
@@ -80,7 +79,7 @@ class ConversionReport:
         self.changes.append(Change(self.file, line, DROPPED, key, old, "", reason))
 
     def lost(self, line: int, key: str, old: str, reason: str) -> None:
-        """The new format cannot say it, or wants what is not there; `reason` tells what to do."""
+        """The new format cannot express it, or needs missing data; `reason` gives the remedy."""
         self.changes.append(Change(self.file, line, LOST, key, old, "", reason))
 
     def error(self, line: int, key: str, value: str, text: str, allowed: str = "") -> None:

@@ -1,8 +1,8 @@
 """`.rob` files, the kinematic chains of the first versions: the number of links, then one line of numbers a link.
 
 A line is: convention, alpha, a, theta, d, type, mode, offset, qmin, qmax, then perhaps the largest effort, mass, centre
-of mass, principal moments and principal axes. Lengths in m, angles in rad, as today. What follows the last link is
-remarks.
+of mass, principal moments and principal axes. Lengths in m, angles in rad, as today. Text after the last link is a
+remark.
 """
 
 from __future__ import annotations

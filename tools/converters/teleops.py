@@ -76,7 +76,7 @@ def _parameters(keys: Keys) -> Json:
 
 
 def _rotation(keys: Keys) -> None:
-    """A rotation between master and slave: not said here any more."""
+    """A rotation between master and slave: no longer part of this file."""
     rows = keys.take("rotation")
     if rows is None:
         return

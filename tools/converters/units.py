@@ -1,6 +1,6 @@
-"""Units of old IO files to SI: what `Unit` says, or what was meant without it in the format that the file is in.
+"""Units of old IO files to SI: as stated by `Unit`, or else the units of the file's format.
 
-The format shows by its version, and by its spelling where the two disagree.
+The format is identified by its version, and by its spelling if the two disagree.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Unit:
         self._assumed = f"no Unit: {name} was meant" if not found and name != self.si else ""
 
     def number(self, attribute: str, *, default: float | None = None, per: str = "") -> float:
-        """The attribute in SI units, told when that changes the number; `per` is what it is counted by (a bit, a V)."""
+        """The attribute in SI units, reported if that changes the number; `per` is its reference (a bit, a V)."""
         element = self._element
         given = element.has(attribute)
         value = element.number(attribute, default=default)
@@ -60,7 +60,7 @@ class Unit:
 
 @dataclass(frozen=True, slots=True)
 class FormatVersion:
-    """`old`: spelled BoardID, in degrees and mm where no Unit says otherwise."""
+    """`old`: spelled BoardID, in degrees and mm unless a Unit is given."""
 
     version: int
     old: bool

@@ -32,7 +32,7 @@ class XmlNode:
 
 
 def parse_xml(data: bytes) -> XmlNode:
-    """The root element, without the text between elements; XmlError says where it stops being XML or is refused."""
+    """The root element, without the text between elements; XmlError gives the position of invalid or refused XML."""
     if len(data) > _LARGEST:
         raise XmlError(1, f"too large: {len(data)} bytes, at most {_LARGEST}")
     parser = expat.ParserCreate()
@@ -60,6 +60,6 @@ def parse_xml(data: bytes) -> XmlNode:
         parser.Parse(data, True)
     except expat.ExpatError as bad:
         raise XmlError(bad.lineno, f"broken XML: {expat.ErrorString(bad.code)}, column {bad.offset + 1}") from None
-    except (LookupError, ValueError) as bad:  # an encoding that nobody knows
+    except (LookupError, ValueError) as bad:  # an unknown encoding
         raise XmlError(1, f"broken XML: {bad}") from None
     return top.children[0]

@@ -26,9 +26,9 @@ AXES: Final = (*MOTIONS, ABS_RZ)
 
 DEADMAN: Final = BTN_TL
 BUTTONS: Final = {"operator_present": BTN_TL, "clutch": BTN_EAST, "camera": BTN_WEST}
-DEAD_ZONE: Final = 0.12  # of a stick's way: what it may be off at rest
+DEAD_ZONE: Final = 0.12  # of a stick's way: maximum offset at rest
 OPEN_RAD: Final = math.radians(60.0)  # the gripper with the trigger let go
-MAX_STEP_S: Final = 0.02  # what was held up longer does not become motion
+MAX_STEP_S: Final = 0.02  # a longer stall does not cause motion
 
 
 class GamepadEvent(Protocol):
@@ -40,7 +40,7 @@ class GamepadEvent(Protocol):
 
 
 class Range(Protocol):
-    """What an axis can say, and says."""
+    """Range of an axis, and its value."""
 
     min: int
     max: int
@@ -63,7 +63,7 @@ class Device(Protocol):
         """Buttons that are pressed now."""
 
     def capabilities(self, *, absinfo: bool) -> dict[int, list[int]]:
-        """Codes that it can tell of, by type."""
+        """Supported codes, by type."""
 
 
 def is_gamepad(device: Device) -> bool:
@@ -74,7 +74,7 @@ def is_gamepad(device: Device) -> bool:
 
 @dataclass(slots=True)
 class Sticks:
-    """How the sticks stand, -1 to 1, and which buttons are pressed."""
+    """Positions of the sticks, -1 to 1, and the pressed buttons."""
 
     axes: dict[int, float] = field(default_factory=dict)
     keys: set[int] = field(default_factory=set)
@@ -84,7 +84,7 @@ class Gamepad:
     """The state of a device, from its events."""
 
     def __init__(self, device: Device) -> None:
-        """As it stands now."""
+        """The current state."""
         self._device = device
         self._has = frozenset(device.capabilities(absinfo=False).get(EV_ABS, []))
         self._ranges = {code: device.absinfo(code) for code in AXES if code in self._has}
@@ -92,7 +92,7 @@ class Gamepad:
         self._take_all()
 
     def poll(self) -> Sticks:
-        """As it stands now; OSError: it is gone."""
+        """The current state; OSError: the device is gone."""
         try:
             for event in self._device.read():
                 self._hear(event)
@@ -114,7 +114,7 @@ class Gamepad:
         self.sticks.keys = set(self._device.active_keys())
 
     def _part(self, code: int, value: int) -> float:
-        """A value as -1 to 1; an axis that has no range stands still."""
+        """A value as -1 to 1; an axis without a range does not move."""
         lowest, highest = self._ranges[code].min, self._ranges[code].max
         if highest <= lowest:
             return 0.0

@@ -43,7 +43,7 @@ def devices(package: Any) -> list[Device]:
 
 
 def chosen(package: Any, path: str) -> Device:
-    """The device of this path, or the first gamepad; Problem says what there is."""
+    """The device of this path, or the first gamepad; Problem names the existing ones."""
     if path:
         try:
             device: Device = package.InputDevice(path)
@@ -59,7 +59,7 @@ def chosen(package: Any, path: str) -> Device:
 
 
 def drive(master: Provider, pad: Gamepad, hand: GamepadTip, report: Callable[[str], None]) -> None:
-    """Show the hand at the master's rate until the system ends; Problem: the gamepad is gone."""
+    """Publish the hand at the master's rate until the system ends; Problem: the gamepad is gone."""
     before = master.now_ns
     wired = [button for button in BUTTONS if button in master.buttons]
     if "operator_present" not in wired:

@@ -1,4 +1,4 @@
-"""An operator's hand and foot at emulated boards: a console's pedal, a master's gripper, and its tip."""
+"""An operator's hand and foot on emulated boards: a console's pedal, a master's gripper, and its tip."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from trocar.tools.output.errors import Problem
 
 Array = NDArray[np.float64]
 
-PINCH = 0.8  # rad; teleoperations want to see 40° of it
-FIRMLY = (500.0, 1.5)  # N/m, N·m/rad of a hand that guides
+PINCH = 0.8  # rad; teleoperations require 40°
+FIRMLY = (500.0, 1.5)  # N/m, N·m/rad of a guiding hand
 BEATS_S = 0.01
 FOLLOWS_S = 25.0
 PINCHED_NS = 1_000_000_000
@@ -34,10 +34,10 @@ def figure_eight(angle: float, size_m: float) -> Array:
 
 
 class Hand(Closable):
-    """A hand at the master of a teleoperation; a context manager that lets go.
+    """A hand at the master of a teleoperation; a context manager that releases it.
 
-    It works on one operator's command that enables teleoperation. When following ends by anything but the clutch, or a
-    fault comes, it lets go and leaves the pedals, and does nothing more until such a command is given anew.
+    It acts on one operator's command that enables teleoperation. If following ends except by the clutch, or a fault
+    occurs, it releases master and pedals, and does nothing until such a command is given again.
     """
 
     def __init__(self, system: str, seat: OperatorSim, teleop: SimTeleop) -> None:
@@ -58,9 +58,9 @@ class Hand(Closable):
         self.place = np.zeros(7)
 
     def begin(self) -> None:
-        """Want teleoperation, step on the pedal, wait for the alignment, pinch; the teleoperation follows then.
+        """Enable teleoperation, press the pedal, wait for the alignment, pinch; then the teleoperation follows.
 
-        Problem says what it waits for instead.
+        Problem names the unmet condition.
         """
         self._seat.ask("teleop_enable", 1)
         with Patience(self._system, FOLLOWS_S) as patience:
@@ -70,7 +70,7 @@ class Hand(Closable):
                 pause(BEATS_S)
 
     def follows(self) -> bool:
-        """Do what following waits for, once a beat: the pedals, a pinch; returns whether it follows."""
+        """Meet the conditions for following, once a beat: the pedals, a pinch; returns whether it follows."""
         follows = self._look()
         at_work = self._at_work
         if at_work is not self._at_pedals:
@@ -88,7 +88,7 @@ class Hand(Closable):
         if asked != self._asked:
             self._asked, self._at_work, self._has_followed = asked, asked != 0, False
         self._has_followed |= follows
-        # behind a clutch the teleoperation still knows that the master is in a hand
+        # behind a clutch the teleoperation still knows that the master is held by hand
         self._at_work &= follows or not self._has_followed or bool(self._teleop.value("operator_active"))
         return follows and self._at_work
 
@@ -120,7 +120,7 @@ class Hand(Closable):
         self._post("pull_tip", pose, self.master)
 
     def nudge(self, actuators: Array) -> None:
-        """Put the master's actuators (7,) somewhere at once."""
+        """Move the master's actuators (7,) at once."""
         self._post("set_position", actuators, self.master)
 
     def _post(self, command: str, values: Sequence[float] | Array, text: str) -> bool:

@@ -1,4 +1,4 @@
-"""Whoever sits at a console: shows presence, wants teleoperation, selects, and sees what each teleoperation does."""
+"""The operator at a console: shows presence, enables teleoperation, selects, and reads each teleoperation's state."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SeenRecord:
 
 
 class SimTeleop(SeenRecord):
-    """A teleoperation as its record tells."""
+    """A teleoperation's record."""
 
     def __init__(self, system: str, name: str) -> None:
         super().__init__(system, name, "teleop")
@@ -54,7 +54,7 @@ class SimTeleop(SeenRecord):
 
     @property
     def reported(self) -> str:
-        """Its state, and what it waits for."""
+        """Its state, and the condition it waits for."""
         state, reason = self.value("state"), self.value("reason")
         return f"{self.name} is {state}" + (f" ({reason})" if reason else "")
 
@@ -84,16 +84,16 @@ class OperatorSim(Closable):
         return [teleop for teleop in self.chosen if teleop.kind == kind]
 
     def begin(self) -> None:
-        """Sit down and want teleoperation."""
+        """Sit down and enable teleoperation."""
         self.ask("emulate_operator_present", 1)
         self.ask("teleop_enable", 1)
 
     def ask(self, command: str, *values: float, text: str = "") -> None:
-        """A command of the console; Refused says why not."""
+        """A command of the console; Refused gives the reason."""
         self._remote.ask(command, values, text)
 
     def wait(self, seconds: float = PATIENCE_S) -> None:
-        """Until all that should follow do; Problem says what keeps them."""
+        """Wait until all selected ones follow; Problem gives the obstacle."""
         with Patience(self._system, seconds) as patience:
             while waiting := [teleop for teleop in self.expected() if not teleop.is_following]:
                 if patience.is_over:

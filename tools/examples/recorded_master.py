@@ -22,7 +22,7 @@ RELEASED_S = 0.2  # a console counts a button only after it has seen it released
 
 
 def place_in(recording: Recording, passed_s: float, pace: float) -> tuple[float, float]:
-    """The recording's own time after so much real time, played to and fro, and how that goes on."""
+    """The recording's own time after this real time, played back and forth, and its direction."""
     part, within = divmod(passed_s * pace, recording.seconds)
     return (within, pace) if part % 2 == 0 else (recording.seconds - within, -pace)
 
@@ -31,7 +31,7 @@ def play(master: Provider, recording: Recording, pace: float, times: int, held: 
     """Show the recording at the master's rate; False: the system ended before it did."""
     begin_ns, end_s = master.now_ns, recording.seconds / pace * times
     while master.tick():
-        begin_ns += round(master.held_up_s * 1e9)  # it goes on where it was
+        begin_ns += round(master.held_up_s * 1e9)  # it resumes where it was
         passed_s = (master.now_ns - begin_ns) * 1e-9
         moment = recording.at(*place_in(recording, min(passed_s, end_s - 1e-9), pace))
         down = moment.pressed.union(held if passed_s >= RELEASED_S else ())

@@ -1,7 +1,7 @@
-"""Recordings of a master as CSV: where its tip was, its gripper and buttons.
+"""Recordings of a master as CSV: its tip poses, gripper and buttons.
 
-The first line names the columns: `time` (s, growing), `x y z` (m), `qx qy qz qw` (length 1), then as you like `gripper`
-(rad), and any number of buttons by the names that the console asks for (0 or 1). Lines that begin with # are comments.
+The first line names the columns: `time` (s, growing), `x y z` (m), `qx qy qz qw` (length 1), then optionally `gripper`
+(rad), and any number of buttons by the names that the console uses (0 or 1). Lines that begin with # are comments.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ GRIPPER: Final = "gripper"
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What a master shows at one time: pose (7,), twist (6,), gripper (None: it has none), buttons that are pressed."""
+    """State of a master at one time: pose (7,), twist (6,), gripper (None: it has none), pressed buttons."""
 
     pose: Array
     twist: Array
@@ -65,7 +65,7 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """The recording in a file; Problem names the line and what is wrong with it."""
+    """The recording in a file; Problem names the line and its error."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

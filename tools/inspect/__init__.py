@@ -1,1 +1,1 @@
-"""What a running system says, for people."""
+"""State of a running system, for people."""

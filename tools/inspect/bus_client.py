@@ -1,4 +1,4 @@
-"""A bus from the tools' side: a process of its own speaks to the boards, and this asks it line by line."""
+"""A bus from the tools' side: a separate process accesses the boards, and this client sends requests line by line."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ class FoundBoard:
 
     @property
     def title(self) -> str:
-        """What a person calls it."""
+        """Its title for people."""
         return f"board {self.board} ({self.hardware}, firmware Rev {self.firmware}, FPGA V{self.fpga})"
 
 
 def shared_id(boards: Sequence[FoundBoard]) -> str:
-    """What is to be said of boards with one id: nobody can tell which of them would answer."""
+    """Message about boards with the same id: it is undefined which of them would answer."""
     nodes = " and ".join(str(info.node) for info in boards)
     return f"{len(boards)} boards have id {boards[0].board} (nodes {nodes}); set every rotary switch differently"
 
@@ -61,14 +61,14 @@ def serial_of(data: bytes, kind: str) -> str:
 
 
 def _emulated_elsewhere(port: str) -> str:
-    """Where the emulated boards of systems of this machine are, for a person who looks for boards at another port."""
+    """Ports of the emulated boards on this machine, for a person who looks for boards at another port."""
     found = [(name, io.port) for name in all_up() if (document := document_of(name)).emulation is not None
              for io in document.ios if io.port not in ("", port)]
     return "".join(f"; emulated boards of system {name}: trocar bus scan {where}" for name, where in found)
 
 
 class BusClient(Closable):
-    """A bus, its boards found; a context manager. Problem says what is wrong with it."""
+    """A bus with its boards found; a context manager. Problem describes its error."""
 
     def __init__(self, port: str) -> None:
         """Find the boards of a port, named as in system files."""
@@ -133,9 +133,10 @@ class BusClient(Closable):
         return serial_of(b"".join(quad.to_bytes(4, "big") for quad in quads), kind)
 
     def driver(self) -> str:
-        """Who drives the bus, here or on another machine; empty when nobody does: then it is ours while this is open.
+        """The driver of the bus, here or on another machine; empty if there is none: then it is ours while this is
+        open.
 
-        Where nobody does here, the hub is sampled, which restarts its sample timer.
+        If there is none here, the hub is sampled, which restarts its sample timer.
         """
         try:
             self._asked("own")
@@ -144,14 +145,14 @@ class BusClient(Closable):
         return ""
 
     def refuse_others(self, what: str) -> None:
-        """Problem while somebody else drives the bus; `what` says what that means for the person."""
+        """Problem while another program drives the bus; `what` gives the consequence for the person."""
         driver = self.driver()
         if driver:
             raise Problem(f"{driver} ({what})")
 
     def _asked(self, what: str, **arguments: int) -> dict[str, Any]:
         assert self._child.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it has died: what it said is heard next
+        with contextlib.suppress(BrokenPipeError):  # it has ended: its output is read next
             self._child.stdin.write(json.dumps({"do": what, **arguments}) + "\n")
             self._child.stdin.flush()
         return self._heard()

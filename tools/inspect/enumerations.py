@@ -1,4 +1,4 @@
-"""Numbers that stand for words, in words: what the field's own text says ("0 none, 1 joint, 2 Cartesian: …")."""
+"""Enumerated numbers in words: from the field's own text ("0 none, 1 joint, 2 Cartesian: …")."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def words_of(text: str) -> dict[int, str]:
 
 
 def in_words(field: Field, value: Any) -> Any:
-    """A value, or a list of them, with words for numbers that stand for words."""
+    """A value, or a list of them, with words for enumerated numbers."""
     if isinstance(value, list):
         return [in_words(field, each) for each in value]
     if isinstance(value, bool) or not isinstance(value, int):

@@ -42,7 +42,7 @@ class Present:
         return [gain.key for gain in GAINS if value_of(self.start[axis], gain.key) != self.values[gain.key][axis]]
 
     def axis(self, text: str) -> int:
-        """An axis by number or name, `ALL` for all; Problem names what there is."""
+        """An axis by number or name, `ALL` for all; Problem names the existing ones."""
         if text == "all":
             return ALL
         if text in self.names:
@@ -53,7 +53,7 @@ class Present:
 
 
 def present(system: str, wanted: Sequence[str]) -> list[Present]:
-    """The gains of some robots (or arms), in their order; of all where none is wanted. Problem names what there is."""
+    """The gains of some robots (or arms), in their order; default: all. Problem names the existing ones."""
     ios = document_of(system).ios
     known = {pid.robot: io for io in ios for pid in io.pids}
     by_arm = {pid.arm: pid.robot for io in ios for pid in io.pids}

@@ -1,4 +1,4 @@
-"""What a run of a system was like: periods and latency of io, errors, restarts; used by `demo`."""
+"""Health of a system during a run: periods and latency of io, errors, restarts; used by `demo`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class HealthWatch:
     """Watches a system from now on; call `collect` at least every two seconds."""
 
     def __init__(self, system: str, io: str) -> None:
-        """`io` is the instance whose cycles are watched."""
+        """`io` is the instance with the monitored cycles."""
         self.system, self._io = system, io
         self._reader = directory.reader(system, io, "state", "io")
         self._recv, self._write = self._reader.field("recv_ns"), self._reader.field("write_ns")
@@ -36,10 +36,10 @@ class HealthWatch:
         }
         self._begin = {process.name: process for process in statuses(system)}
         self.errors: dict[str, str] = {}
-        """Their texts, and who reported each first: arms and the system repeat those of others."""
+        """Their texts, and the first reporter of each: arms and the system repeat others' errors."""
 
     def collect(self) -> None:
-        """Take in what happened since."""
+        """Read events since the last call."""
         while self._reader.next():
             stamp = self._reader.stamp_ns
             self._stamps.append(stamp)
@@ -52,12 +52,12 @@ class HealthWatch:
                     self.errors.setdefault(self._bare(str(plain(reader.field("text").item()))), instance)
 
     def _bare(self, text: str) -> str:
-        """An error without the names of those who report or repeat it."""
+        """An error without the names of those that report or repeat it."""
         who, _, rest = text.partition(": ")
         return self._bare(rest) if who in self._events else text
 
     def summary(self) -> dict[str, Any]:
-        """Figures of the run; `problems`: errors and dead processes; `late`: what a busy machine can cause, too."""
+        """Figures of the run; `problems`: errors and crashed processes; `late`: possibly an effect of other load."""
         self.collect()
         now = {process.name: process for process in statuses(self.system)}
         processes = [self._process(process) for process in now.values()]

@@ -1,4 +1,4 @@
-"""What a robot needs of the machine it runs on: each check says what it found, and the command that mends it."""
+"""Requirements of a robot on its machine: each check returns its finding, and the command that fixes it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ BOARDS_NET: Final = ipaddress.ip_network("169.254.0.0/16")
 MEGABYTE: Final = 1e6
 ENOUGH_MB, MIN_MB = 256.0, 64.0  # a full system of seven arms takes about 100
 GOOD_CORES: Final = 4
-FREE_CORES: Final = 2.0  # io and arms of one robot, and what else they need
+FREE_CORES: Final = 2.0  # io and arms of one robot, and their other needs
 LOOK_S: Final = 1.0
 BUSY_PERCENT: Final = 20.0  # of a core, from which on a process is named
 NAMED: Final = 3
@@ -49,7 +49,7 @@ class MachineFinding:
     check: str
     state: str
     found: str
-    mend: str = ""  # a command; empty: nothing to mend
+    mend: str = ""  # a command; empty: nothing to fix
 
 
 def findings() -> Iterator[MachineFinding]:
@@ -78,7 +78,7 @@ def kernel(root: Path = Path("/")) -> MachineFinding:
 
 
 def compiled(why_not: str) -> MachineFinding:
-    """Whether what costs most in io, arms and emulated boards runs in C."""
+    """Whether the most expensive parts of io, arms and emulated boards run in C."""
     if not why_not:
         return MachineFinding("compiled part", OK, "what costs most in io, arms and emulated boards runs in C")
     found = f"io, arms and emulated boards run on numpy, at two to five times the cost: {why_not}"
@@ -87,7 +87,7 @@ def compiled(why_not: str) -> MachineFinding:
 
 
 def obtained() -> str:
-    """What a process of ours gets from the scheduler, tried by one, in the words of `realtime`."""
+    """Real-time properties of one of our processes, tested with one, in the words of `realtime`."""
     done = subprocess.run([sys.executable, "-P", "-c", ASK], cwd=ROOT, env=environment(), capture_output=True,
                           text=True, check=False)
     return done.stdout.strip() or f"{NO_FIFO}, {NOT_LOCKED}"
@@ -127,7 +127,7 @@ def governor(root: Path = Path("/")) -> MachineFinding:
 
 
 def shared_memory(folder: Path = FOLDER) -> MachineFinding:
-    """Whether there is room, and whether dead systems have left something in it."""
+    """Whether there is room, and whether crashed systems have left segments in it."""
     try:
         free_mb = os.statvfs(folder).f_bavail * os.statvfs(folder).f_frsize / MEGABYTE
     except OSError as error:
@@ -159,7 +159,7 @@ def open_files(soft: int, hard: int) -> MachineFinding:
 
 
 def ports(found: Iterable[SocketHolder]) -> MachineFinding:
-    """Whether somebody has the boards' port at all addresses: no emulated boards can start then."""
+    """Whether another program has the boards' port at all addresses: no emulated boards can start then."""
     holding = list(found)
     others = [holder for holder in holding if ipaddress.ip_address(holder.address).is_unspecified]
     if not others:
@@ -204,7 +204,7 @@ def firewire(root: Path = Path("/")) -> Iterator[MachineFinding]:
 
 
 def load() -> Iterator[MachineFinding]:
-    """How much of the cores others leave, who takes the most, and who else has real-time priority."""
+    """Load of the cores by other programs, the largest consumers, and other real-time processes."""
     processes = list(psutil.process_iter(["name", "username"]))
     for process in processes:
         _percent(process)
@@ -222,14 +222,14 @@ def load() -> Iterator[MachineFinding]:
 
 @dataclass(frozen=True, slots=True)
 class Busy:
-    """A process, its share of a core, and which system it belongs to; empty: to none."""
+    """A process, its share of a core, and its system; empty: none."""
 
     percent: float
     pid: int
     name: str
     system: str = ""
     user: str = ""
-    """Whose it is where that is another user."""
+    """Its user, if that is another one."""
 
     def __str__(self) -> str:
         whose = f" of system {self.system}" if self.system else f" of user {self.user}" if self.user else ""
@@ -237,7 +237,7 @@ class Busy:
 
 
 def free_cpu(free: float, busy: Iterable[Busy]) -> MachineFinding:
-    """`free` cores, and who is busy, the busiest first."""
+    """`free` cores, and the busy processes, the busiest first."""
     found = f"{free:.1f} cores"
     if free >= FREE_CORES:
         return MachineFinding("free CPU", OK, found)
@@ -250,7 +250,7 @@ def free_cpu(free: float, busy: Iterable[Busy]) -> MachineFinding:
 
 
 def urgent(others: Iterable[tuple[int, str]]) -> MachineFinding:
-    """Programs with real-time priority that are none of ours: they come before everything else."""
+    """Foreign programs with real-time priority: they precede everything else."""
     rows = list(others)
     if not rows:
         return MachineFinding("other real time", OK, "none")
@@ -260,7 +260,7 @@ def urgent(others: Iterable[tuple[int, str]]) -> MachineFinding:
 
 
 def _down(system: str) -> str:
-    """What ends a system, and who can do that where it belongs to another user."""
+    """The command that ends a system, and who can run it if it is another user's."""
     owner = other_owner(system)
     return f"trocar down --system {system}{f'    # by {owner}: it is their system' if owner else ''}"
 
@@ -274,7 +274,7 @@ def _is_realtime(pid: int) -> bool:
 
 
 def _percent(process: psutil.Process) -> float:
-    """Of one core since it was asked last."""
+    """Of one core since the last call."""
     try:
         return float(process.cpu_percent())
     except psutil.Error:

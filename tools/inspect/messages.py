@@ -24,18 +24,18 @@ def time_of_day(local_ns: int) -> str:
 
 
 def severity(value: int) -> str:
-    """A severity as a word; empty for what is no message."""
+    """A severity as a word; empty for an event that is not a message."""
     return SEVERITIES[value] if 0 <= value < len(SEVERITIES) else ""
 
 
 def kind_of(row: Mapping[str, Any]) -> str:
-    """What sort of event: status, warning with its code, error with its code, or the event's name."""
+    """Kind of event: status, warning with its code, error with its code, or the event's name."""
     word = severity(int(row["severity"]))
     return f"{word} {row['code']}".strip() if word else str(row["event"])
 
 
 def text_of(row: Mapping[str, Any]) -> str:
-    """What it says, with the hint."""
+    """Its text, with the hint."""
     if int(row["severity"]) >= STATUS:
         return f"{row['text']}; {row['hint']}" if row.get("hint") else str(row["text"])
     if row["state"]:
@@ -55,7 +55,7 @@ def in_full(system: str, instance: str, text: str) -> str:
         with contextlib.closing(directory.reader(system, instance, "events", often=False)) as reader:
             found = [text_of({name: plain(row[name]) for name in row.dtype.names}) for row in reader.last(ALL)]
         begin = text.removesuffix(MORE)
-        for start in (begin, begin.partition(": ")[2]):  # "the arm went FAULT: " and what the event says
+        for start in (begin, begin.partition(": ")[2]):  # "the arm went FAULT: " and the event's text
             if start:
                 known = begin.removesuffix(start)
                 whole = next((known + each[each.index(start):] for each in reversed(found) if start in each), "")
@@ -97,7 +97,7 @@ def _asked_row(row: Any) -> dict[str, Any]:
 
 
 def asked_line(row: dict[str, Any]) -> str:
-    """One line: when, who was asked, for what, the outcome, whose command that was."""
+    """One line: time, owner, command, outcome, origin."""
     values = (row.get("values") or ())[: row.get("count")]
     words = (row["command"], row["text"], *(number(value, ".6g") for value in values))
     asked = " ".join(filter(None, words))

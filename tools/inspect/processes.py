@@ -31,7 +31,7 @@ SILENT, STALLED, STOPPED = "silent", "stalled", "stopped"
 SIMULATED_LATE_S = 2.0
 LOOK_AGAIN_S = 0.02
 PACED = (IN_TIME - {SUPERVISOR}) | {FILTERS}
-SLOW = 2.0  # times its period, on the average: what these compute is then not what they were made for
+SLOW = 2.0  # times its period, on the average: its results are then not as designed
 TRIES = 5
 RECENT_S = 10.0  # so long after a restart of its own accord a process is not yet well
 KEPT = 20  # endings of one instance; the supervisor keeps its last 256 changes of all
@@ -43,10 +43,10 @@ RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "restarts")
 BEGINNING = ("CREATED", "STARTING", "RESTARTING")
 SENTENCES = {DEAD: "{} is dead", STALLED: "{} is stalled", SILENT: "{} is silent", FAILED: "{} failed",
              NOT_RUNNING: "{} is not running", STOPPED: "{} is stopped"}
-"""Of problems that are a word; all others are what a process says of itself."""
+"""For problems that are a word; all others are a process's own report."""
 TICKS = os.sysconf("SC_CLK_TCK")
 SAYS_WHY = FAILED, NOT_RUNNING, STOPPED
-ENDING = ("STOPPING", "RESTARTING")  # the process may not have heard of it yet
+ENDING = ("STOPPING", "RESTARTING")  # the process may not have received it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
 STATISTICS = ("period", "work", "latency")
 PARTS = ("avg", "std", "min", "max", "p99")
@@ -73,10 +73,10 @@ class PastProcess:
 class ProcessStatus:
     """One process: figures are of its last full second, counts since its start; `problem` is empty when all is well.
 
-    `statistics` are avg, std, min, max and p99, in s, of its period, its work and, of io, its latency from the boards'
-    reply to the next write; what it has not measured is absent. `pauses`: it was held up and began anew so often.
-    Of a third-party program `state` is NOT ATTACHED, ATTACHED or DETACHED; of what has died, DEAD. `simulation` is
-    KINEMATIC for an arm without a robot, and for the process that plays it.
+    `statistics` are avg, std, min, max and p99, in s, of its period, its work and, for io, its latency from the boards'
+    reply to the next write; unmeasured ones are absent. `pauses`: number of restarts after a stall. For a third-party
+    program `state` is NOT ATTACHED, ATTACHED or DETACHED; for a crashed process, DEAD. `simulation` is KINEMATIC for an
+    arm without a robot, and for the process that emulates it.
     """
 
     name: str
@@ -98,13 +98,13 @@ class ProcessStatus:
     statistics: dict[str, dict[str, float]] = field(default_factory=dict)
     simulation: str = ""
     lifecycle: str = ""
-    """STOPPED, RUNNING, STOPPING or RESTARTING: what the supervisor has in mind for it (procs/tables/lifecycle.py)."""
+    """STOPPED, RUNNING, STOPPING or RESTARTING: the supervisor's goal for it (procs/tables/lifecycle.py)."""
     endings: tuple[PastProcess, ...] = ()
     """The processes that it had before, as far as the supervisor's records go back."""
     cpus: tuple[int, ...] = ()
-    """Processors that it was given; none: any. `scheduling` says what became of it."""
+    """Its configured processors; none: any. `scheduling` gives the result."""
     listen: tuple[str, ...] = ()
-    """Addresses at which it is connected to; who connects starts it where it runs on demand."""
+    """Its addresses for connections; a connection starts it if it runs on demand."""
     computes: str = ""
     """`native`, or `numpy: ` and why, of processes that compute for many axes."""
     after: tuple[str, ...] = ()
@@ -142,7 +142,7 @@ class ProcessStatus:
 
 
 def statuses(system: str) -> list[ProcessStatus]:
-    """Every process of a system, the supervisor first, also one whose control page is not there any more."""
+    """Every process of a system, the supervisor first, also one without its control page."""
     ledger, rows = _ledger(system), _rows(system)
     simulated = is_simulated(system)
     there = names_of(system)
@@ -170,7 +170,7 @@ def statuses(system: str) -> list[ProcessStatus]:
 
 
 def _lost_of(page: ControlPage, there: Collection[str]) -> str:
-    """What of the segments that its control page names is not `there` any more, in words; empty: nothing."""
+    """Segments named in its control page that are not `there` any more, in words; empty: none."""
     if is_replay(page.segment.header.info):
         return ""
     wanted = page.segment.header.info.get("wanted")
@@ -182,9 +182,9 @@ def _lost_of(page: ControlPage, there: Collection[str]) -> str:
 
 
 def _waited_for(system: str) -> tuple[str, float]:
-    """The process whose cycles take so long that time hardly passes, and how fast it does; "": none, or time is held.
+    """The process whose cycles almost stop time, and the speed of time; "": none, or time is held.
 
-    Looks for 0.2 s, where the last second was slow.
+    Looks for 0.2 s, if the last second was slow.
     """
     with contextlib.suppress(SegmentError), SystemTime(system) as time, contextlib.ExitStack() as held:
         if time.speed >= SLOW_TIME or time.is_held:
@@ -216,7 +216,7 @@ def _without_page(name: str, known: dict[str, Any], lost: str) -> ProcessStatus:
 
 
 def _rows(system: str) -> dict[str, Process]:
-    """What the configuration says of each process; nothing where it is not readable."""
+    """The configuration of each process; empty if it is unreadable."""
     try:
         return {row.name: row for row in processes_of(directory.document(system))}
     except (SegmentError, ValueError):
@@ -224,7 +224,7 @@ def _rows(system: str) -> dict[str, Process]:
 
 
 def _reported(system: str, name: str) -> dict[str, Any]:
-    """What its state record says about itself; it may say anything."""
+    """Its state record's header data; any content is possible."""
     try:
         with Segment(segment_name(system, name, "state")) as segment:
             return dict(segment.header.info)
@@ -233,7 +233,7 @@ def _reported(system: str, name: str) -> dict[str, Any]:
 
 
 def _ledger(system: str) -> dict[str, dict[str, Any]]:
-    """What the supervisor wrote about each instance."""
+    """The supervisor's record of each instance."""
     try:
         reader = directory.reader(system, SUPERVISOR, "state", SUPERVISOR, often=False)
     except SegmentError:
@@ -359,7 +359,7 @@ def cells(process: ProcessStatus) -> tuple[str, ...]:
 
 
 def remarks(process: ProcessStatus) -> str:
-    """What else is to be said of a process: that it only plays, what the scheduler granted, how it last ended."""
+    """Further remarks on a process: kinematic only, scheduling granted, last end."""
     parts = [f"{process.simulation}, there is no robot"] if process.simulation else []
     granted = [word for word in process.scheduling.split(", ") if word not in (NO_FIFO, NOT_LOCKED, ORDINARY, "")]
     parts += [", ".join(granted)] if granted else []

@@ -1,4 +1,4 @@
-"""Registers by name, and what their bits say: for people who look at a board without the manual at hand."""
+"""Registers by name, and the meanings of their bits: for people without the manual at hand."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ AXIS_REGISTERS: Final[dict[str, int]] = {name: getattr(registers, name) for name
 _BOARD_NAMES: Final = {address: name for name, address in BOARD_REGISTERS.items()}
 _AXIS_NAMES: Final = {offset: name for name, offset in AXIS_REGISTERS.items()}
 
-Flag = tuple[int, str, str]  # bit, what it means set, and clear; an empty text is not said
+Flag = tuple[int, str, str]  # bit, its meaning set, and clear; an empty text is not shown
 
 _ALWAYS: Final[tuple[Flag, ...]] = (
     (registers.STATUS_WATCHDOG, "watchdog tripped", "watchdog fine"),
@@ -80,9 +80,9 @@ def address_name(address: int) -> str:
 
 
 def addresses(text: str, board: FoundBoard | None, count: int = 1) -> list[int]:
-    """The registers a person means: a name, NAME:AXIS, or a number; a bare axis register means that of every axis.
+    """The registers given by a person: a name, NAME:AXIS, or a number; a bare axis register means that of every axis.
 
-    `board` None: all boards, and a bare axis register is Misuse, which says what is allowed.
+    `board` None: all boards, and a bare axis register is Misuse, which names the allowed ones.
     """
     name, colon, axis_text = text.upper().partition(":")
     if name in AXIS_REGISTERS:
@@ -116,7 +116,7 @@ def _numbered(text: str, name: str) -> int:
 
 
 def flags(table: Sequence[Flag], value: int) -> list[str]:
-    """The texts of the bits that say something."""
+    """The texts of the meaningful bits."""
     return [text for bit, on, off in table if (text := on if value & bit else off)]
 
 
@@ -125,7 +125,7 @@ def _axes(bits: int) -> str:
 
 
 def status_words(value: int, hardware: str, firmware: int) -> list[str]:
-    """What a status quadlet says."""
+    """Meaning of a status quadlet."""
     reported = [f"board {registers.board_of(value)}"]
     reported += flags(_ALWAYS, value) + flags(_STATUS.get(hardware, ()), value)
     if hardware == "QLA1":
@@ -137,7 +137,7 @@ def status_words(value: int, hardware: str, firmware: int) -> list[str]:
 
 
 def control_words(value: int) -> str:
-    """What writing this to the status register asks for; bits without their mask bit do nothing."""
+    """Effect of writing this to the status register; bits without their mask bit have none."""
     pairs = ((registers.CONTROL_RELAY_MASK, 1 << 16, "relay closed", "relay open"),
              (registers.CONTROL_POWER_MASK, 1 << 18, "motor power on", "motor power off"))
     reported = [on if value & bit else off for mask, bit, on, off in pairs if value & mask]
@@ -204,7 +204,7 @@ def limit_inputs(word: int, hardware: str, axis: int) -> str:
 
 
 def input_words(word: int, hardware: str) -> str:
-    """What a digital input quadlet says beyond the axes' own inputs."""
+    """Content of a digital input quadlet besides the axes' own inputs."""
     if hardware not in ("QLA1", "DQLA"):
         return f"bits high: {' '.join(str(bit) for bit in range(32) if word >> bit & 1) or 'none'}"
     outputs = [~word >> registers.INPUT_DOUT_SHIFT & 0xF]
@@ -292,7 +292,7 @@ _AXIS: Final[dict[int, Callable[[int, FoundBoard], str]]] = {
 
 
 def meaning(address: int, value: int, board: FoundBoard) -> str:
-    """What a register's value says; empty where there is nothing to say."""
+    """Meaning of a register's value; empty if there is none."""
     if address <= 0xF:
         found = _BOARD.get(address)
     else:
@@ -301,7 +301,7 @@ def meaning(address: int, value: int, board: FoundBoard) -> str:
 
 
 def written_meaning(address: int, value: int, board: FoundBoard) -> str:
-    """What writing a value asks for, where that is not what reading it would say."""
+    """Effect of writing a value, if it differs from the meaning of reading it."""
     if address == registers.STATUS:
         return control_words(value)
     return meaning(address, value, board)

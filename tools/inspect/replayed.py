@@ -13,7 +13,7 @@ REPLAY: Final = "REPLAY"
 
 
 def info_of_replay(clock: str) -> dict[str, Any]:
-    """What the header of each control page says in such a system."""
+    """Header data of each control page in such a system."""
     return {"simulation": REPLAY, "clock": clock}
 
 

@@ -15,7 +15,7 @@ from trocar.tools.output.errors import Problem
 
 @dataclass(frozen=True, slots=True)
 class AxisSample:
-    """One axis, from 1; what there is only of motors or only of encoders is None or empty for the others."""
+    """One axis, from 1; fields that only motors or only encoders have are None or empty for the others."""
 
     axis: int
     pot_bits: int | None
@@ -32,7 +32,7 @@ class BoardSample:
     """A board at one moment."""
 
     board: FoundBoard
-    since_s: float  # since the sample before, whoever took it
+    since_s: float  # since the sample before, by any program
     status: int
     watchdog: int  # its register
     digital_input: int
@@ -59,7 +59,7 @@ class BoardSample:
 
 
 def layout(board: FoundBoard) -> blocks.Layout:
-    """How a board's real-time block is made up; Problem for controllers nobody knows."""
+    """Layout of a board's real-time block; Problem for unknown controllers."""
     if board.hardware not in blocks.AXES_OF or board.firmware not in blocks.LAYOUTS:
         allowed = f"{', '.join(blocks.AXES_OF)}, firmware {blocks.REVISIONS}"
         raise Problem(f"{board.title} cannot be watched; allowed: {allowed}")

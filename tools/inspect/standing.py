@@ -1,4 +1,4 @@
-"""How arms, teleoperations and consoles stand, why they are in FAULT or what they wait for, and what to do first."""
+"""State of arms, teleoperations and consoles, reasons for FAULT or pending conditions, and the first step to take."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """One of them. `reason`: in FAULT why, else what it waits for; `fault`: the error that led there, as data.
+    """One of them. `reason`: cause of a FAULT, else the pending condition; `fault`: the error behind it, as data.
 
-    `homed` is None for what is not homed. `person`: only a person can bring about what it waits for.
+    `homed` is None for kinds without homing. `person`: only a person can meet the condition.
     """
 
     name: str
@@ -54,14 +54,14 @@ class Standing:
     reason: str = ""
     person: bool = False
     silent: bool = False
-    """It waits for a process that says nothing."""
+    """It waits for a silent process."""
     fault: dict[str, Any] | None = None
     since_ns: int = 0
-    """In FAULT: since when (monotonic); 0: nobody knows any more."""
+    """In FAULT: since when (monotonic); 0: no longer known."""
     holds_up: bool = False
     """A teleoperation that does not follow for a reason that is neither silence nor its operator."""
     age_s: float | None = None
-    """Its process is gone: so long ago it was as it says here, s."""
+    """Its process is gone: age of this state, s."""
 
     @property
     def is_between(self) -> bool:
@@ -93,7 +93,7 @@ def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]
 
 
 def _with_what_is_left(one: Standing, process: ProcessStatus, processes: Sequence[ProcessStatus]) -> Standing:
-    """Of an arm whose io was silent: what is left to do now, with the name of that io."""
+    """For an arm whose io was silent: the remaining steps, with the name of that io."""
     if one.fault is None or one.fault["code"] != IO_TIMEOUT.code:
         return one
     ios = [row for row in processes if row.kind == "io" and row.name in process.after]
@@ -125,7 +125,7 @@ def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
 
 
 def _setup_joints(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
-    """Setup joints that are homed while the position of one of them is not known say which."""
+    """Homed setup joints with unknown positions name these joints."""
     one = _arm(system, process, reader)
     unknown = [name for name, valid in zip(reader.info["setups"], reader.field("setup_valid"), strict=True)
                if not valid]
@@ -188,7 +188,7 @@ def _last_error(events: NDArray[Any] | None) -> dict[str, Any] | None:
 
 
 def _fault_ns(events: NDArray[Any] | None) -> int:
-    """When it went to FAULT; what it says there, to each command, is FAULT again."""
+    """Time of its last change to FAULT; its refusals of commands report FAULT again."""
     states = events[events["event"] == b"operating_state"] if events is not None else ()
     since_ns = 0
     for row in reversed(states):
@@ -199,7 +199,7 @@ def _fault_ns(events: NDArray[Any] | None) -> int:
 
 
 def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
-    """What a person does first, in a line; empty: all is well."""
+    """The first step for a person, in a line; empty: all is well."""
     unwell = [process for process in processes if process.problem]
     first = next((process for process in unwell if process.moves_the_robot), None)
     if first is not None:
@@ -239,25 +239,25 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
 
 
 def in_a_line(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
-    """The last line of `status`: all well, and what may come next, or the first thing to do."""
+    """The last line of `status`: all well with a possible next step, or the first step."""
     first, then = first_thing(processes, found), guide_of(processes) or next_step(found)
     return f"first: {first}" if first else f"all well; next: {then}" if then else "all well"
 
 
 def guide_of(processes: Sequence[ProcessStatus]) -> str:
-    """What a person does while `trocar commission` runs the system: what that says; empty: it does not."""
+    """Instructions of `trocar commission` while it runs the system; empty: it does not."""
     pid = next((commissioning(process.pid) for process in processes if process.kind == SUPERVISOR), 0)
     return f"as trocar commission (pid {pid}) says, and nothing else meanwhile" if pid else ""
 
 
 def _with_help(process: ProcessStatus) -> str:
-    """Its problem and what a person types; a process that names that itself needs no other."""
+    """Its problem and the command to type; a process that names the command itself needs no other."""
     is_its_own = process.problem.partition(":")[0] not in SENTENCES and REMEDY in process.problem
     return process.said if is_its_own else f"{process.said}: {_help(process)}"
 
 
 def _help(process: ProcessStatus) -> str:
-    """What a person types for a process that has a problem."""
+    """The command to type for a process with a problem."""
     name, problem = process.typed, process.problem
     is_dead, logs = problem == DEAD or problem.startswith(FAILED), f"trocar logs {process.name}"
     why = "" if logs in problem else f"; {logs} may say why"
@@ -276,13 +276,13 @@ def _help(process: ProcessStatus) -> str:
 
 
 def _cause_first(one: Standing) -> tuple[bool, int]:
-    """The fault that came first is the cause of others, but for one that says itself that it follows from another."""
+    """The first fault is the cause of others, unless it reports itself as a consequence of another."""
     fault = one.fault or {}
     return fault.get("code") == SHARED_BOARD.code, int(fault.get("monotonic_ns") or 0)
 
 
 def next_step(found: Sequence[Standing]) -> str:
-    """What may come next where all is well; empty: nothing in particular."""
+    """A possible next step if all is well; empty: none in particular."""
     arms = [one for one in found if one.kind in ("arm", "suj")]
     if arms and all(one.state == "DISABLED" for one in arms):  # with a sub-state it is on its way
         return "trocar home"
@@ -297,7 +297,7 @@ def next_step(found: Sequence[Standing]) -> str:
 
 
 def cells(one: Standing) -> tuple[str, ...]:
-    """A row of a table with COLUMNS; what is of the past says how old it is, and is not homed for all that we know."""
+    """A row of a table with COLUMNS; past states show their age, and count as not homed."""
     if one.age_s is not None:
         return one.name, f"{one.state}, {span(one.age_s)} ago", "–", one.reason
     homed = "–" if one.homed is None else "yes" if one.homed else "no"

@@ -1,8 +1,8 @@
-"""How a slave follows its master: from the records of a teleoperation, its slave and their io, while they run.
+"""Tracking of a master by its slave: from the records of a teleoperation, its slave and their io, while they run.
 
-Error: the measured pose of the slave against the goal in force, the last one that the teleoperation had sent.
-Latency: from the read request that brought the master's sample to the write that carries the setpoint made of it. It
-is put together from stamps; where a stamp is that of a cycle's begin, what the cycle makes counts as out STEP_NS later.
+Error: the measured pose of the slave against the goal in force, the last one sent by the teleoperation. Latency: from
+the read request for the master's sample to the write of the setpoint made from it. It is composed of stamps; if a stamp
+is that of a cycle's begin, the cycle's output counts as published STEP_NS later.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FIGURES = ("error_mm_rms", "error_mm_max", "error_deg_rms", "error_deg_max", "la
 
 @dataclass(frozen=True, slots=True)
 class IoTrace:
-    """Cycles of io, ns: when each asked, had its answer, had written."""
+    """Cycles of io, ns: times of request, answer, and end of write."""
 
     read: Stamps
     received: Stamps
@@ -35,9 +35,10 @@ class IoTrace:
 
 
 def latencies(masters: Stamps, sent: Stamps, setpoints: Stamps, io: IoTrace) -> Stamps:
-    """ns, for every goal that can be reported: sent in a cycle that began at `sent`, of a master's record of `masters`.
+    """ns, for every goal that can be evaluated: sent in a cycle that began at `sent`, from a master's record of
+    `masters`.
 
-    `setpoints`: begins of the slave's cycles. A goal whose way does not lie within the records is left out.
+    `setpoints`: begins of the slave's cycles. A goal whose way is not completely in the records is left out.
     """
     source = np.searchsorted(io.written, masters, "right") - 1
     cycle = np.searchsorted(setpoints, sent + STEP_NS)
@@ -59,13 +60,13 @@ def errors(stamps: Stamps, measured: Array, sent: Stamps, goals: Array) -> tuple
 
 
 def in_force(stamps: Stamps, cycles: Stamps, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of the stamps lie where the flag of the last cycle before them was set; before the first: not."""
+    """Stamps for which the flag of the last cycle before was set; before the first: not."""
     at = np.searchsorted(cycles, stamps, "right") - 1
     return (at >= 0) & flags[at] if len(flags) else np.zeros(len(stamps), dtype=bool)
 
 
 class Column:
-    """What is kept of a ring's records, piece by piece."""
+    """Kept columns of a ring's records, piece by piece."""
 
     def __init__(self, reader: RingReader, fields: tuple[str, ...]) -> None:
         self._reader, self._fields = reader, fields
@@ -74,7 +75,7 @@ class Column:
         self._seen = reader.stamp_ns
 
     def collect(self) -> None:
-        """Take in what came since."""
+        """Read records since the last call."""
         rows = self._reader.since(self._seen + 1)
         if len(rows):
             self._seen = int(rows[-1]["stamp_ns"])
@@ -104,7 +105,7 @@ class Trace:
         self._columns = (self._teleop, self._slave, self._setpoint, self._io)
 
     def collect(self) -> None:
-        """Take in what came since."""
+        """Read records since the last call."""
         for column in self._columns:
             column.collect()
 

@@ -20,7 +20,7 @@ from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import plain
 from trocar.tools.systems.find import instances_of_kind, is_simulated, unknown
 
-FRESH_S = 0.2  # an older record tells nothing of what is now
+FRESH_S = 0.2  # an older record does not show the present state
 
 
 def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
@@ -41,7 +41,7 @@ def _among(known: list[str], wanted: Sequence[str] | None) -> list[str]:
 
 
 def arm_document(system: str, name: str) -> ArmConfig:
-    """What the configuration says of an arm; Problem when the system's document does not say it."""
+    """The configuration of an arm; Problem if the system's document lacks it."""
     try:
         return document_of(system).arm(name)
     except KeyError as error:
@@ -54,10 +54,10 @@ def arm_type(system: str, name: str) -> str:
 
 
 def document_of(system: str) -> SystemConfig:
-    """What the system was configured with; Problem when that is not readable."""
+    """The configuration of the system; Problem if it is unreadable."""
     try:
         return from_json(directory.document(system))
-    except ValueError as error:  # what lies there may come from anywhere
+    except ValueError as error:  # its content may come from any source
         raise Problem(f"system {system}: {error.args[0]}") from None
 
 
@@ -99,7 +99,7 @@ class Watch(Closable):
         return self.reader.newest()
 
     def problem(self) -> str:
-        """What is wrong with the arm's record: no process writes it any more, it is old, nobody's writing is in it."""
+        """Problem of the arm's record: its writer has ended, it is old, or it was never written."""
         return problem_of(self.reader, self._simulated)
 
     def text(self, field: str) -> str:
@@ -135,7 +135,7 @@ class Watch(Closable):
         return self.flag("is_homed")
 
     def forget_errors(self) -> None:
-        """`last_error` tells only of what comes from now on."""
+        """`last_error` covers only errors from now on."""
         self._since = self._events.head
 
     def last_error(self) -> str:
@@ -155,10 +155,10 @@ class Watch(Closable):
 
 
 class Amplifiers(Closable):
-    """The amplifiers of an arm, or of setup joints, as io sees them: only io can tell that they are off."""
+    """The amplifiers of an arm, or of setup joints, as io measures them: only io can confirm that they are off."""
 
     def __init__(self, system: str, name: str) -> None:
-        """Attach to the record of its io, whatever that is like: who wants power off must not be kept from asking."""
+        """Attach to the record of its io in any state: a power-off command must never be prevented."""
         self._io, self._why = "io", ""
         self._simulated = is_simulated(system)
         self._reader: RingReader | None = None
@@ -182,7 +182,7 @@ class Amplifiers(Closable):
                 first = end
 
     def why_not_off(self) -> str:
-        """Why it cannot be said that all are off; empty when they are."""
+        """Why it is not certain that all are off; empty if they are."""
         reader = self._reader
         if reader is None:
             return self._why
@@ -205,7 +205,7 @@ def age_of(reader: RingReader, simulated: bool) -> float:
 
 
 def problem_of(reader: RingReader, simulated: bool) -> str:
-    """What is wrong with a record that should be of now, in words; empty when all is well."""
+    """Problem of a record that should be current, in words; empty if there is none."""
     age_s = age_of(reader, simulated)
     old = f"its last record is {age_s:.1f} s old" if age_s > FRESH_S else ""
     return "; ".join(part for part in (writer_gone(reader.gone) or old, reader.problem) if part)

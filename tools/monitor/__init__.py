@@ -1,1 +1,1 @@
-"""`trocar attach`: what it reads of a system, a module a page; `pages/` and `app.py` show it on a terminal."""
+"""`trocar attach`: its data from a system, a module a page; `pages/` and `app.py` show them on a terminal."""

@@ -1,4 +1,4 @@
-"""The screen of `trocar attach`: what stands above and below the pages, the keys, and when which page is read."""
+"""The screen of `trocar attach`: header and footer of the pages, keys, and the schedule for reading pages."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ HEAD_S = 1.0
 RESUMED_S = 0.3
 """After a pause (Ctrl-Z) the terminal is ours again, and empty, after so long."""
 WRONG = (SegmentError, RingError, Problem, OSError, ValueError)
-"""What a system that goes down while we look, or holds nonsense, may lead to."""
+"""Possible exceptions if a system goes down during a look, or has invalid content."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """What one look found; `problem`: why the page could not be read."""
+    """Result of one look; `problem`: why the page could not be read."""
 
     seen: Overview
     page: Any
@@ -59,7 +59,7 @@ class InspectorApp(App[None]):
     """
     ENABLE_COMMAND_PALETTE = False
     BINDINGS: ClassVar[list[Any]] = [
-        # Before whoever has the focus, so that keys count in the order in which they are pressed.
+        # Before the focused widget, so that keys count in the order in which they are pressed.
         *(Binding(str(k), f"page({k})", "page", show=k == 1, key_display=f"1-{len(PAGES)}", priority=True)
           for k, page in enumerate(PAGES, 1)),
         Binding("tab,right", "turn(1)", "page", show=False, priority=True),
@@ -131,11 +131,11 @@ class InspectorApp(App[None]):
         if head_due:
             self._head_ns = now_ns
         self._seen = found.seen
-        if page is self.page:  # else a person went to another one meanwhile, which is still to be read
+        if page is self.page:  # else the person has changed the page meanwhile, which is still to be read
             self._page_ns, self._problem = now_ns, found.problem
             if found.page is not None:
                 page.show(found.page)
-            else:  # what it says is of another time, or of another topic
+            else:  # its data is of another time, or of another topic
                 page.clear()
         self._show_head()
 
@@ -164,7 +164,7 @@ class InspectorApp(App[None]):
             self.query_one(ValuesPage).choose_from(self.query_one(TopicsPage).entries)
         self._identity = identity
 
-    # what stands above
+    # -- header --
 
     def _show_head(self) -> None:
         seen = self._seen
@@ -202,7 +202,7 @@ class InspectorApp(App[None]):
                     overflow="ellipsis")
 
     def _update(self, where: str, text: Text) -> None:
-        """Only where it says something else: nothing is drawn again for nothing."""
+        """Only on a change: nothing is redrawn without need."""
         text.plain = printable(text.plain)
         widget = self.query_one(where, Static)
         if getattr(widget, "shown_text", None) != (shown := (text.plain, str(text.spans))):
@@ -247,7 +247,7 @@ class InspectorApp(App[None]):
         self._show_head()
 
     def action_search(self) -> None:
-        """What is typed from now on is searched for on this page."""
+        """Characters typed from now on are searched for on this page."""
         self._is_typing = True
         self._show_head()
 
@@ -256,13 +256,13 @@ class InspectorApp(App[None]):
         self._search_for("")
 
     def action_freeze(self) -> None:
-        """What is shown stays, and says so, until this is pressed again."""
+        """Freeze the display, with a notice, until the key is pressed again."""
         self.frozen_ns = 0 if self.frozen_ns else monotonic_ns()
         self._page_ns = self._head_ns = 0
         self._show_head()
 
     def action_redraw(self) -> None:
-        """Everything, whatever somebody else wrote over it."""
+        """Redraw everything, whatever other programs have written over it."""
         for widget in self.screen.walk_children(with_self=True):
             widget.refresh()
 

@@ -1,4 +1,4 @@
-"""The pages of events and commands: what the processes report, and what they are asked for, from their rings."""
+"""The pages of events and commands: reports of the processes, and commands to them, from their rings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ R = TypeVar("R", bound=Ordered)
 
 
 class RingRows(Generic[R]):
-    """Rows made of the records of a ring of all processes, those from before too."""
+    """Rows from the records of a ring of all processes, earlier ones included."""
 
     def __init__(self, rings: Iterable[tuple[str, RingReader]], made: Callable[[str, dict[str, Any]], R], kept: int,
                  a_look: int) -> None:
@@ -102,7 +102,7 @@ def _event_row(name: str, event: dict[str, Any]) -> EventRow:
 
 
 def chosen(rows: Iterable[EventRow], severity: str, who: str = "") -> list[EventRow]:
-    """Those of this severity or a worse one ("": all, also what is no message), of one process ("": of all)."""
+    """Those of at least this severity ("": all, including events without one), of one process ("": of all)."""
     least = SEVERITIES.index(severity) if severity in SEVERITIES else 0
     return [row for row in rows
             if (not least or (row.severity in SEVERITIES and SEVERITIES.index(row.severity) >= max(STATUS, least)))
@@ -111,7 +111,7 @@ def chosen(rows: Iterable[EventRow], severity: str, who: str = "") -> list[Event
 
 @dataclass(frozen=True, slots=True)
 class AskedRow:
-    """One command and what became of it, as it was last heard. `key`: its process, place and number."""
+    """One command and its last known outcome. `key`: its process, place and number."""
 
     key: tuple[str, int, int]
     stamp_ns: int
@@ -131,7 +131,7 @@ class AskedRow:
 
 
 def commands_of(system: str) -> RingRows[AskedRow]:
-    """What all processes were asked for, from their audit rings."""
+    """Commands to all processes, from their audit rings."""
     return RingRows(_audit_rings(system), _asked_row, kept=1000, a_look=1000)
 
 
@@ -152,9 +152,9 @@ def _asked_row(name: str, record: dict[str, Any]) -> AskedRow:
 
 
 def under_way(rows: Sequence[AskedRow], processes: Iterable[ProcessStatus]) -> list[AskedRow]:
-    """What was accepted and is neither done, refused nor failed, by a process that lives and is still the same one.
+    """Accepted commands that are not done, refused or failed yet, in a process that is alive and has not restarted.
 
-    Of a stream of goals only the first is recorded: it counts until the process is asked for something else.
+    Of a stream of goals only the first is recorded: it counts until the process gets another command.
     """
     since = {one.name: max((past.stamp_ns for past in one.endings), default=0) for one in processes
              if one.problem != "dead" and one.state == "RUNNING"}

@@ -1,4 +1,4 @@
-"""What stands above every page: which system, whether anybody supervises it, which clock, and what to do first."""
+"""The header of every page: system, supervision, clock, and the first step to take."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from trocar.tools.systems.processes import SUPERVISOR
 
 @dataclass(frozen=True, slots=True)
 class Overview:
-    """`supervisor` is RUNNING, dead or gone (its memory is removed); `dead_s`: since the last beat of a dead one."""
+    """`supervisor` is RUNNING, dead or gone (memory removed); `dead_s`: since the last heartbeat of a dead one."""
 
     system: str
     supervisor: str
@@ -31,7 +31,7 @@ class Overview:
 
     @property
     def lives(self) -> bool:
-        """Somebody supervises it: what is shown is of now."""
+        """It has a supervisor: the display is current."""
         return self.supervisor == "RUNNING"
 
     @property
@@ -46,13 +46,13 @@ class Overview:
 
     @property
     def silences(self) -> dict[str, float]:
-        """Of processes that are dead or were stopped the time since their last beat, s."""
+        """For crashed or stopped processes the time since their last heartbeat, s."""
         return {one.name: one.silent_s for one in self.processes
                 if one.silent_s is not None and (one.problem == "dead" or one.state in ("STOPPED", "FAILED"))}
 
     @property
     def first(self) -> str:
-        """All well, or what to do first."""
+        """All well, or the first step to take."""
         if self.supervisor == "gone":
             return f"first: trocar up starts {self.system}"
         return in_a_line(self.processes, self.standings)
@@ -64,7 +64,7 @@ class Overview:
 
 
 def overview(system: str) -> Overview:
-    """As it is now; of a system whose memory is gone only that."""
+    """The current overview; for a system whose memory is gone only that."""
     if not identity_of(system):
         return Overview(system, "gone", None, "")
     processes = tuple(statuses(system))
@@ -78,7 +78,7 @@ def overview(system: str) -> Overview:
 
 
 def identity_of(system: str) -> tuple[int, ...]:
-    """Which files the system's memory is; another one was started under the same name. Empty: there is none."""
+    """Identity of the files with the system's memory; a restarted system has others. Empty: there are none."""
     for what in ("document", "control"):
         with contextlib.suppress(OSError):
             status = os.stat(path_of(segment_name(system, SUPERVISOR, what)))  # noqa: PTH116

@@ -1,4 +1,4 @@
-"""The pages of processes and arms: what each does and uses, why it is in FAULT or what it waits for."""
+"""The pages of processes and arms: activity and resource use of each, reason for FAULT or pending condition."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trocar.tools.output.printing import number, span
 
 @dataclass(frozen=True, slots=True)
 class ProcessRow:
-    """One process; None where there is nothing to be said. Percent of a core, MB of its own."""
+    """One process; None for unknown values. Percent of a core, MB of its own."""
 
     status: ProcessStatus
     cpu_percent: float | None
@@ -29,7 +29,7 @@ class ProcessRow:
 
     @property
     def is_gone(self) -> bool:
-        """What its figures say is past."""
+        """Its figures are of the past."""
         return self.status.problem == "dead" or self.status.state in ("STOPPED", "CREATED", "FAILED")
 
     @property
@@ -39,7 +39,7 @@ class ProcessRow:
         return period["std"] * 1e3 if period else None
 
     def details(self) -> list[str]:
-        """What a person asks next: its problem, scheduling, how those before it ended."""
+        """Details: its problem, scheduling, earlier ends."""
         status = self.status
         period, work = status.statistics.get("period"), status.statistics.get("work")
         lines = [f"{status.name} ({status.kind or 'kind not known'}), pid {status.pid or '–'}, {status.cycles} cycles, "
@@ -56,7 +56,7 @@ class ProcessRow:
 
 
 class ProcessesData:
-    """All processes of a system, with what they use since the last look."""
+    """All processes of a system, with their resource use since the last look."""
 
     def __init__(self, system: str = "") -> None:
         self._usage = Usage()
@@ -88,7 +88,7 @@ def standing_cells(one: Standing) -> list[str]:
 
 
 def standing_details(one: Standing) -> list[str]:
-    """The error that led to a FAULT as it was reported, and what to do."""
+    """The reported error behind a FAULT, and the remedy."""
     lines = [f"{one.name} ({one.kind}): {one.state}"]
     if one.reason:
         lines.append(f"{'why' if one.is_fault else 'waiting'}: {one.reason.removeprefix('waiting: ')}")

@@ -25,7 +25,7 @@ EVENTS_SHOWN, COMMANDS_SHOWN = 8, 8
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Sight:
-    """What there is now; `values`: of each record its fields by name, of an event ring nothing."""
+    """The current data; `values`: of each record its fields by name, of an event ring nothing."""
 
     overview: Overview
     processes: list[Any]
@@ -64,7 +64,7 @@ def _values(system: str, topics: TopicsData) -> dict[str, Any]:
 
 
 def document(system: str) -> dict[str, Any]:
-    """As JSON knows it: one document; what is not known, or not a number, is null."""
+    """As one JSON document; unknown values, and those that are not numbers, are null."""
     shot = snapshot(system)
     seen = shot.overview
     return {
@@ -103,6 +103,6 @@ def print_once(system: str) -> None:
 
 
 def _once_each(events: list[EventRow]) -> list[EventRow]:
-    """The newest events, the newest first; what was reported several times stands there once."""
+    """The newest events, the newest first; repeated reports appear once."""
     newest = {(row.who, row.what, row.text): row for row in events}
     return sorted(newest.values(), key=lambda row: row.order, reverse=True)[:EVENTS_SHOWN]

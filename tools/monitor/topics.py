@@ -1,4 +1,4 @@
-"""The page of topics: at which rate each should come and does, how old its newest record is, what was lost."""
+"""The page of topics: nominal and actual rate of each, age of its newest record, losses."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ WINDOW_NS = 2_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class TopicRow:
-    """One record topic. `hz` is of the last two seconds, None: nothing came.
+    """One record topic. `hz` is of the last two seconds, None: no records.
 
-    `lost`: since we look, as many as are missing in the steady spacing of its stamps (a writer that was held up).
+    `lost`: since the first look, records missing in the steady spacing of its stamps (a stalled writer).
     """
 
     name: str
@@ -65,7 +65,7 @@ class _Watched:
             self._lost += missing(newest_stamps(segment, min(new + 1, segment.header.depth - 1)))
         begun_ns, before = self._counts[0]
         stamps = newest_stamps(segment, min(max(2, head - before), segment.header.depth - 1))
-        # A clock that stands still makes nothing younger.
+        # A stopped clock makes no record younger.
         ages_s = ((system_ns - int(stamps[-1])) * 1e-9, (now_ns - self._changed_ns) * 1e-9, silent_s) if len(
             stamps) else ()
         nominal = self.entry.rate_hz or None
@@ -90,7 +90,7 @@ def missing(stamps: NDArray[np.int64]) -> int:
 
 
 class TopicsData:
-    """All record topics of a system. Read-only, and nobody's subscriber."""
+    """All record topics of a system. Read-only, without subscriptions."""
 
     def __init__(self, system: str) -> None:
         self._watched: list[_Watched] = []
@@ -106,7 +106,7 @@ class TopicsData:
                     self._unreadable.append(entry)
 
     def rows(self, silences: Mapping[str, float] | None = None) -> list[TopicRow]:
-        """As they are now. `silences`: of dead processes the time since their last beat, s."""
+        """The current topics. `silences`: for crashed processes the time since their last heartbeat, s."""
         now_ns, system_ns, silent = monotonic_ns(), self._time.now_ns(), silences or {}
         found = [watched.row(now_ns, system_ns, silent.get(watched.entry.instance, 0.0)) for watched in self._watched]
         return found + [TopicRow(entry.name, entry.rate_hz or None, None, None, None, 0, 0, entry.problem)

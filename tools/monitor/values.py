@@ -1,4 +1,4 @@
-"""The page of values: what one topic says now, field by field, in words and with its course."""
+"""The page of values: the current content of one topic, field by field, in words and with its course."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from trocar.tools.monitor.topics import OLD_S
 from trocar.tools.output.columns import values_of
 
 KEPT = 60  # values of a cell, for its course
-BEFORE_S = 3.0  # of what the ring keeps, at the beginning
+BEFORE_S = 3.0  # of the ring's content, at the beginning
 A_LINE = 12  # cells that a line shows
 
 
 @dataclass(frozen=True, slots=True)
 class ValueRow:
-    """A field, or one cell of it. `course`: its values so far, empty: it is no number, or several; `state`: "",
-    "invalid" or "not computed" (on demand, and nobody wants it)."""
+    """A field, or one cell of it. `course`: its values so far, empty: not a number, or several; `state`: "", "invalid"
+    or "not computed" (on demand, without a subscriber).
+    """
 
     key: str
     name: str
@@ -41,7 +42,7 @@ class ValueRow:
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """What a topic says. `age_s` is None before its first record; `is_old`: these are values of the past."""
+    """Content of a topic. `age_s` is None before its first record; `is_old`: these are values of the past."""
 
     topic: str
     sequence: int
@@ -54,7 +55,7 @@ class Values:
 
 
 class ValuesData:
-    """One topic, open. Nobody's subscriber unless `want` was called."""
+    """One topic, open. Without a subscription unless `want` was called."""
 
     def __init__(self, system: str, entry: TopicEntry) -> None:
         """Attach; SegmentError when it cannot be read."""
@@ -68,14 +69,14 @@ class ValuesData:
         self._sequence, self._changed_ns = 0, 0
 
     def want(self) -> None:
-        """Have it computed for us, as `echo` does; SegmentError when it cannot be asked for."""
+        """Subscribe to it, as `echo` does; SegmentError if that is impossible."""
         self._demand.want(self._source)
         self.is_wanted = True
 
     def look(self, opened: Collection[str] = (), silent_s: float = 0.0) -> Values:
         """The newest record; of the fields in `opened` every cell has a line.
 
-        `silent_s`: since the last beat of its process, where that is dead.
+        `silent_s`: since the last heartbeat of its process, if that is dead.
         """
         source, now_ns = self._source, monotonic_ns()
         has_one = source.newest()
@@ -96,7 +97,7 @@ class ValuesData:
         return self._source.as_dict() if self._source.newest() else None
 
     def _resolve(self) -> None:
-        """The cells; anew when an arm has another number of joints."""
+        """The cells; found again when the number of an arm's joints changes."""
         record = self._source.record
         count = int(record["count"][0]) if "count" in (record.dtype.names or ()) else 0
         if count == self._count:
@@ -143,7 +144,7 @@ class ValuesData:
         return ""
 
     def close(self) -> None:
-        """Unmap, want it no more."""
+        """Unmap and unsubscribe."""
         self._demand.close()
         self._source.close()
 

@@ -1,4 +1,4 @@
-"""What is open until it is closed."""
+"""Objects that are open until closed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ class Closable:
     """A context manager that is closed at its end."""
 
     def close(self) -> None:
-        """Give back what is held."""
+        """Release all resources."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

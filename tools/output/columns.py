@@ -21,9 +21,9 @@ STDOUT = "-"
 
 
 def path_of(text: str) -> FieldPath:
-    """What is to be looked at: a topic, or a field of one; Misuse."""
+    """The given topic, or field of one; Misuse."""
     if not set(text) & {".", "["}:
-        return FieldPath(text, text)  # whatever it is: who looks for it names those near
+        return FieldPath(text, text)  # any text: the user of the path names similar ones
     try:
         return parse_path(text)
     except BadPath as error:
@@ -31,7 +31,7 @@ def path_of(text: str) -> FieldPath:
 
 
 class ColumnsFile:
-    """A CSV file under way: a row of names, then a row a record; what is not finite or not valid is empty."""
+    """A CSV file being written: a row of names, then a row a record; non-finite or invalid values are empty."""
 
     def __init__(self, stream: Any, names: Sequence[str]) -> None:
         self._stream, self._writer = stream, csv.writer(stream, lineterminator="\n")

@@ -1,4 +1,4 @@
-"""What can go wrong for a person at the command line, and the exit code each of it means."""
+"""Errors for a person at the command line, and the exit code of each."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any, NoReturn
 
 
 class Problem(Exception):
-    """Something is wrong with the robot or its surroundings: exit code 1. The message says what and what to do."""
+    """A problem of the robot or its environment: exit code 1. The message gives the problem and the remedy."""
 
 
 class PlaceTaken(Problem):
@@ -38,7 +38,7 @@ class Refused(Problem):
 
 
 def closed(what: str) -> Any:
-    """Takes the place of a closed part of `what`: any use of it but `close` raises Disconnected."""
+    """Replaces a closed part of `what`: any use of it except `close` raises Disconnected."""
     return _Closed(what)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 
 @contextlib.contextmanager
 def keys() -> Iterator[Callable[[], str]]:
-    """`pressed()` gives the key that was pressed, or nothing; without a terminal nothing is ever pressed."""
+    """`pressed()` returns the pressed key, or nothing; without a terminal always nothing."""
     if not sys.stdin.isatty():
         yield lambda: ""
         return

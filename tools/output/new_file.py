@@ -1,4 +1,4 @@
-"""A JSON file that takes the place of another one: whole or not at all, its old content kept."""
+"""A JSON file that replaces another one: completely or not at all, with the old content kept."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from trocar.tools.output.errors import Problem
 
 
 def put(path: Path, text: str, check: Callable[[Path], object]) -> Path | None:
-    """Write a file that `check` accepts; where its old content is kept, None: it was not there.
+    """Write a file that `check` accepts; returns the copy of its old content, None: there was none.
 
-    Problem where it cannot be written, or what `check` raises; then nothing has changed.
+    Problem if it cannot be written, or an exception of `check`; then nothing has changed.
     """
     fresh, kept = path.with_name(f".{path.stem}.{os.getpid()}.json"), None
     try:

@@ -1,7 +1,7 @@
-"""How verbs talk: JSON lines for programs, tables for eyes, progress on the error stream.
+"""Output of verbs: JSON lines for programs, tables for people, progress on the error stream.
 
-What they say is partly text of others: of processes, boards, files. A terminal would obey what is in it (ESC begins a
-command), so nothing gets there that has not passed `printable`.
+Part of the output is text of others: of processes, boards, files. A terminal would execute control characters in it
+(ESC begins a command), so all text passes through `printable`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PIPED = 120
 
 
 def printable(text: str, keep: str = "\n\t") -> str:
-    """Text of others as a terminal may have it: what it would obey, or hide, instead of showing it is �."""
+    """Text of others made safe for a terminal: characters that it would execute, or hide, become �."""
     return text if text.isprintable() else "".join(c if c.isprintable() or c in keep else REPLACED for c in text)
 
 
@@ -43,7 +43,7 @@ def tell(text: str, *, flush: bool = False, indent: str | None = "") -> None:
 
 
 def need_reader() -> None:
-    """BrokenPipeError when nobody reads our output any more: who waits for what comes seldom would not notice."""
+    """BrokenPipeError if our output has no reader any more: a wait for rare events would not detect that."""
     output = select.poll()
     try:
         output.register(sys.stdout.fileno(), 0)
@@ -54,7 +54,7 @@ def need_reader() -> None:
 
 
 def emit(*rows: Any) -> None:
-    """JSON objects, a line each, out at once; what is not printable is escaped, and comes back as it was."""
+    """JSON objects, a line each, flushed at once; unprintable characters are escaped, and decode to the original."""
     for row in rows:
         text = json.dumps(plain(row), ensure_ascii=False)
         print(text if text.isprintable() else "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text),
@@ -70,7 +70,7 @@ def answer(row: Any, text: str, as_json: bool) -> None:
 
 
 def width(stream: TextIO | None = None) -> int:
-    """Columns of the terminal that our output, or another `stream`, goes to, or what `COLUMNS` says; a pipe: PIPED."""
+    """Columns of the terminal of our output, or of another `stream`, or the value of `COLUMNS`; a pipe: PIPED."""
     given = os.environ.get("COLUMNS", "")
     if given.isdecimal():
         return max(int(given), 1)
@@ -104,7 +104,7 @@ class LiveLine:
         self._is_terminal, self._next_ns = sys.stderr.isatty(), 0
 
     def show(self, parts: Sequence[str]) -> None:
-        """The parts for which there is room, each whole, those that come first before others."""
+        """The parts that fit, each whole, the first ones with priority."""
         if self._is_terminal:
             text = printable(fitting(parts, width(sys.stderr) - 1), "")
             print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
@@ -118,7 +118,7 @@ class LiveLine:
         note("\n".join(wrapped(text, width(sys.stderr))))
 
     def close(self) -> None:
-        """The next line is another one."""
+        """The next line is a new one."""
         print("\n" if self._is_terminal else "", end="", file=sys.stderr, flush=True)
 
 
@@ -133,9 +133,9 @@ def fitting(parts: Iterable[str], within: int) -> str:
 
 @contextlib.contextmanager
 def progress(what: str) -> Iterator[Say]:
-    """`say(text, fraction)` shows a bar once two seconds are over; a fraction of None means it is not known.
+    """`say(text, fraction)` shows a bar after two seconds; a fraction of None means unknown.
 
-    Where there is no terminal it writes a line every ten seconds.
+    Without a terminal it writes a line every ten seconds.
     """
     if not sys.stderr.isatty():
         next_ns = monotonic_ns() + LINES_NS

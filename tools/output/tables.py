@@ -12,7 +12,7 @@ READABLE: Final = 20
 
 
 def wrapped(text: str, within: int, indent: str = "") -> list[str]:
-    """Lines of a text, broken between words where they would be wider; all but the first ones begin with `indent`."""
+    """Lines of a text, broken between words at the width; all but the first begin with `indent`."""
     return [line for part in text.split("\n") for line in textwrap.wrap(
         part, max(within, 1), subsequent_indent=indent, break_long_words=False, break_on_hyphens=False) or [""]]
 
@@ -59,7 +59,7 @@ def _blocks(needs: Mapping[int, tuple[int, int, int]], within: int) -> list[list
 
 
 def _widths(needs: Sequence[tuple[int, int, int]], within: int) -> list[int]:
-    """What is left is shared by those columns that would like more."""
+    """The remaining width is shared by the columns that need more."""
     widths = [least for least, _, _ in needs]
     left = within - sum(widths) - len(GAP) * (len(widths) - 1)
     while left > 0 and (wanting := [k for k, (_, _, wide) in enumerate(needs) if widths[k] < wide]):

@@ -63,7 +63,7 @@ def _row(row: CommandRow) -> str:
 
 
 def effects(row: CommandRow) -> str:
-    """Its effect, with the texts and values for which it is another one, and the worst that it can cause."""
+    """Its effect, with the texts and values for which it differs, and the worst that it can cause."""
     others = {**row.effect_of_words, "0": row.effect_of_zero, "1": row.effect_of_one}
     words = [f"{when}: {effect.name.lower()}" for when, effect in others.items() if effect is not None]
     worst = max(each.effect for each in caused(row))

@@ -41,7 +41,7 @@ ACTIONS: Final = {
 
 
 def page() -> str:
-    """The whole page: all codes by kind of process, then what io does about its faults."""
+    """The whole page: all codes by kind of process, then io's reactions to its faults."""
     kinds = dict.fromkeys(row.owner.partition(",")[0] for row in CODES)
     parts = [f"\n## Of {kind}\n\n| code | severity | reported by | cause | remedy |\n|---|---|---|---|---|\n"
              + "".join(_row(row) for row in CODES if row.owner.partition(",")[0] == kind) for kind in kinds]

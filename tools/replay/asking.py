@@ -1,4 +1,4 @@
-"""What arms were asked for in a recording asked for once more, with the times between: moves and holds, nothing else.
+"""Repetition of the recorded commands to arms, with the times between them: moves and holds, nothing else.
 
 Like a stream of setpoints it is a command of the person who types it (tools/replay/live.py).
 """
@@ -27,14 +27,14 @@ ANSWERS: Final = ("accepted", *ENDINGS)
 
 @dataclass(frozen=True, slots=True)
 class RecordedMoves:
-    """What is asked for again, in its order, and what is left out, in words."""
+    """The commands to repeat, in their order, and the omissions, in words."""
 
     commands: tuple[RecordedCommand, ...]
     left_out: tuple[str, ...]
 
 
 def moves_of(recording: RecordingReader, motions: Sequence[RecordedMotion]) -> RecordedMoves:
-    """What persons asked arms for while all of them were homed; Problem: nothing that can be asked for again."""
+    """Commands of persons to arms while all of them were homed; Problem: none that can be repeated."""
     start, end = all_homed(motions)
     arms = [motion.arm for motion in motions]
     asked = [each for each in commands_of(recording) if each.instance in arms and each.outcome != "refused"]
@@ -47,7 +47,8 @@ def moves_of(recording: RecordingReader, motions: Sequence[RecordedMotion]) -> R
 
 
 def _is_asked_again(name: str) -> bool:
-    """A move, or what stops one: all others change what an arm is, power or release it, or are goals of a stream."""
+    """A move, or a command that stops one: all others change an arm's nature, power or release it, or are stream goals.
+    """
     row = ROWS.get(name)
     return row is not None and (row.move or row.is_stop("", ()))
 
@@ -64,7 +65,7 @@ def _left_out(asked: Sequence[RecordedCommand], start: int, end: int) -> Iterato
 
 def send_again(system: str, moves: RecordedMoves, motions: Sequence[RecordedMotion], speed: float, say: Say
                ) -> list[dict[str, Any]]:
-    """Ask for the same, with the times between them; what became of each. Problem when an arm faults or refuses."""
+    """Repeat the commands, with the times between them; returns their outcomes. Problem if an arm faults or refuses."""
     results, numbers = list[dict[str, Any]](), list[int]()
     recorded_ns = all_homed(motions)[0]
     with at_the_start(system, motions, recorded_ns, say) as (arms, time):

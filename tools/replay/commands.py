@@ -1,4 +1,4 @@
-"""What people asked for in a recording: the audit rings, without what processes asked of each other."""
+"""Commands of people in a recording: the audit rings, without commands between processes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from trocar.tools.output.errors import Problem
 AUDIT: Final = "audit"
 STATES: Final = "supervisor/state"
 BURST_NS: Final = 16
-"""Answers of one cycle have stamps that follow each other so closely: a ring gives no stamp twice."""
+"""Stamps of answers in one cycle are at most this far apart: a ring uses no stamp twice."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedCommand:
-    """One command of a person: when its owner took it (system time), through which place, and what it said."""
+    """One command of a person: time of receipt by its owner (system time), place, and the owner's answer."""
 
     instance: str
     kind: str
@@ -82,7 +82,7 @@ def _text(value: np.bytes_) -> str:
 
 
 def _processes(recording: RecordingReader) -> set[int] | None:
-    """The processes of the system that simulated time waits for; None where the recording does not say."""
+    """The processes of the system that simulated time waits for; None if the recording does not contain them."""
     if STATES not in recording.record_topics:
         return None
     rows = recording.records(STATES).rows

@@ -30,9 +30,9 @@ def is_real(system: SystemConfig, io: IoConfig) -> bool:
 
 
 def startable(system: SystemConfig) -> tuple[bytes, tuple[str, ...]]:
-    """The document to start, and which processes are left out of it; Problem where it is about a real robot.
+    """The document to start, and the processes left out of it; Problem for a real robot.
 
-    Left out are those that simulated time does not wait for: what they asked for is asked for in their place.
+    Left out are processes that simulated time does not wait for: their commands are sent in their place.
     """
     if system.clock == WALL:
         raise Problem("it was recorded on real time, which no run repeats; what ran in simulated time (paced, "

@@ -1,8 +1,8 @@
-"""A recorded run once more from its beginning: the same system, the same commands at the same instants.
+"""Repetition of a recorded run from its beginning: the same system, the same commands at the same instants.
 
-Simulated time is held back (shm/time/held_time.py): it goes to just before the instant at which an owner took a
-command, the command is put into its mailbox, and time goes on. So nothing depends on how fast this machine is, and
-what comes out is the same bit for bit.
+Simulated time is held back (shm/time/held_time.py): it runs to just before the instant at which an owner took a
+command, the command is put into its mailbox, and time resumes. So the result does not depend on the speed of this
+machine, and is the same bit for bit.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ STANDS_S: Final = 30.0
 
 @dataclass(slots=True)
 class FreshRun:
-    """What came of it: the new recording, how many commands were sent, and what could not be repeated, in words."""
+    """Result: the new recording, the number of commands sent, and the parts that could not be repeated, in words."""
 
     file: Path
     commands: int = 0
@@ -46,9 +46,9 @@ class FreshRun:
 
 
 def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> FreshRun:
-    """Start what was recorded as `system`, ask for the same, record it whole in `file`, a new one, and stop it.
+    """Start the recorded system as `system`, repeat its commands, record everything in the new `file`, and stop it.
 
-    Problem: it is about a real robot, has not all commands, or the system does not come up or dies.
+    Problem: it is a real robot, lacks commands, or the system does not come up or crashes.
     """
     document, out = startable(recorded_system(recording))
     commands, notes = _repeatable(recording, out)
@@ -62,7 +62,7 @@ def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> 
         background = Background(StartRequest(frozen, system, document=True, held=True), tied=True)
         try:
             background.wait_until_up(say)
-            with HeldTime(system) as held:  # it stands at its beginning until then, however late we come
+            with HeldTime(system) as held:  # until then it stays at its beginning, however late we are
                 if held.now_ns() != EPOCH_NS:
                     raise Problem(f"the time of {system} had begun before it was held")
                 with new_file(file) as stream, WholeRings(system, stream, file.stem) as rings:
@@ -81,7 +81,7 @@ def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> 
 
 
 def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[RecordedCommand], list[str]]:
-    """The commands to send, and what of the recording will be different; Problem where commands are missing."""
+    """The commands to send, and the expected differences from the recording; Problem if commands are missing."""
     rows = [recording.topics[name] for name in recording.record_topics]
     states = {row.instance for row in rows if row.ring == "state" and row.kind in TIMED}
     audits = {row.instance: recording.records(row.name).rows for row in rows if row.ring == AUDIT}
@@ -107,7 +107,7 @@ def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[Re
 
 
 def _writers(topic: RecordedTopic) -> int:
-    """How many wrote it, one after the other; epoch 0 is that of a ring that nobody has written yet."""
+    """Number of its successive writers; epoch 0 is that of a ring not written yet."""
     return len({*topic.channels.values()} - {0})
 
 
@@ -121,7 +121,7 @@ def _end_ns(recording: RecordingReader) -> int:
 
 
 class _Sender:
-    """Puts commands into mailboxes: through as many places as they came through, as the person's they were."""
+    """Puts commands into mailboxes: through as many places as in the recording, with their persons' origins."""
 
     def __init__(self, system: str, commands: Sequence[RecordedCommand], held: HeldTime) -> None:
         self._held, self._numbers, self._count = held, dict[int, int](), count(1)

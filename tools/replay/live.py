@@ -1,6 +1,6 @@
-"""What was recorded sent to arms of a running system, as a stream of their setpoints.
+"""Recorded setpoints sent to arms of a running system as a stream.
 
-It is a command of the person who types it, and obeys the rules of those: nothing goes on after a fault.
+It is a command of the person who types it, and follows the same rules: nothing continues after a fault.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class RecordedMotion:
-    """What an arm did while it was homed: stamps (n,), setpoints and measured joints (n, j), jaws (n,) or None."""
+    """Motion of an arm while it was homed: stamps (n,), setpoints and measured joints (n, j), jaws (n,) or None."""
 
     arm: str
     stamp_ns: NDArray[np.int64]
@@ -95,7 +95,7 @@ def real_robots(system: SystemConfig, arms: Sequence[str]) -> list[str]:
 
 
 def refuse_real(system: str, arms: Sequence[str], allowed: bool) -> None:
-    """Problem where a real robot would move and nobody has said that it may."""
+    """Problem if a real robot would move without permission."""
     try:
         real = real_robots(document_of(system), arms)
     except KeyError as error:
@@ -105,7 +105,7 @@ def refuse_real(system: str, arms: Sequence[str], allowed: bool) -> None:
 
 
 class ArmReplay:
-    """One arm on its way, and how far it was from what was recorded: rad, m."""
+    """One arm in motion, and its deviation from the recording: rad, m."""
 
     def __init__(self, system: str, motion: RecordedMotion, time: SystemTime, whole: Origin,
                  held: contextlib.ExitStack) -> None:
@@ -129,14 +129,14 @@ class ArmReplay:
         return self.motion.at(stamps, self.motion.jaw)[:, 0] if self.has_jaw and self.motion.jaw is not None else None
 
     def compare(self, recorded: Array) -> None:
-        """What is measured now against what was measured then."""
+        """Current measurements against recorded ones."""
         off = np.abs(self.watch.joints("position") - recorded)
         self.squares += off * off
         self.most = np.maximum(self.most, off)
         self.samples += 1
 
     def result(self) -> dict[str, Any]:
-        """Per joint: against the setpoints sent, and against what was measured when it was recorded."""
+        """Per joint: against the setpoints sent, and against the recorded measurements."""
         follower = self.follower
         tracking = follower.tracking
         rms = np.sqrt(self.squares / self.samples) if self.samples else self.squares
@@ -157,9 +157,9 @@ def all_homed(motions: Sequence[RecordedMotion]) -> tuple[int, int]:
 @contextlib.contextmanager
 def at_the_start(system: str, motions: Sequence[RecordedMotion], start_ns: int, say: Say
                  ) -> Iterator[tuple[list[ArmReplay], SystemTime]]:
-    """All arms where they were at this stamp, moved there as slowly as moves are, one after the other.
+    """All arms at their positions of this stamp, moved there slowly, one after the other.
 
-    However it ends, they hold. Problem where one of them is not homed, faults, or is moved by somebody else meanwhile.
+    They hold at any end. Problem if one of them is not homed, faults, or is moved by another program meanwhile.
     """
     with contextlib.ExitStack() as held:
         time, whole = held.enter_context(SystemTime(system)), begin(system)  # all of it is one command
@@ -177,7 +177,7 @@ def at_the_start(system: str, motions: Sequence[RecordedMotion], start_ns: int, 
 
 
 def stream(system: str, motions: Sequence[RecordedMotion], speed: float, say: Say) -> list[dict[str, Any]]:
-    """Move slowly to where it began, then send the setpoints at `speed`; Problem when an arm faults or is not homed."""
+    """Move slowly to the start, then send the setpoints at `speed`; Problem if an arm faults or is not homed."""
     start, end = all_homed(motions)
     count = max(2, round((end - start) * 1e-9 / speed * RATE_HZ))
     stamps: Array = start + np.arange(count, dtype=np.float64) * (1e9 * speed / RATE_HZ)
@@ -194,7 +194,7 @@ def stream(system: str, motions: Sequence[RecordedMotion], speed: float, say: Sa
 
 
 class ArmRows:
-    """What one arm is sent, and was measured, at the beats of a stream."""
+    """Setpoints and measurements of one arm at the beats of a stream."""
 
     def __init__(self, arm: ArmReplay, stamps: Array) -> None:
         self._arm, self._then = arm, arm.motion.at(stamps, arm.motion.measured)

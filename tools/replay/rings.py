@@ -1,4 +1,4 @@
-"""All rings of a system into a recording, piece by piece while its time stands: nothing is lost."""
+"""All rings of a system into a recording, piece by piece while its time is stopped: nothing is lost."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from trocar.tools.output.closable import Closable
 
 
 class WholeRings(Closable):
-    """A recording of every ring at full rate; a context manager. `take` is called before rings come round."""
+    """A recording of every ring at full rate; a context manager. `take` is called before rings wrap around."""
 
     def __init__(self, system: str, stream: BinaryIO, name: str) -> None:
-        """Begin a file in `stream`; SegmentError where a ring cannot be read."""
+        """Begin a file in `stream`; SegmentError if a ring cannot be read."""
         self._system, self._table = system, ChannelTable()
         self._file = RecordingFile(stream, self._table, facts_of(system, names.NAMED, name), document_of(system))
         self._readers: dict[tuple[str, str], RingReader] = {}
@@ -42,7 +42,7 @@ class WholeRings(Closable):
         self.records = 0
 
     def take(self) -> None:
-        """What is new."""
+        """The new records."""
         chunk, offset = Chunk(), local_offset_ns(self._system)
         for key, reader in self._readers.items():
             rows = reader.last(max(0, reader.head - self._seen[key]))

@@ -1,7 +1,7 @@
-"""Recorded records shown to tools once more: a system in shared memory that can be looked at and not commanded.
+"""Recorded records as a readable system: in shared memory, for viewing only, without commands.
 
-Its rings have the layout and the info that were recorded, `simulation` says REPLAY. Stamps are CLOCK_MONOTONIC of now,
-as far apart as they were, so that tools find them fresh; numbers count from 1. There are no mailboxes.
+Its rings have the recorded layout and info, `simulation` is REPLAY. Stamps are present CLOCK_MONOTONIC times with the
+recorded spacing, so that tools find them fresh; numbers count from 1. There are no mailboxes.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Showing(Closable):
 
     @property
     def begin_ns(self) -> int:
-        """Stamp at which the run itself begins: what is older is shown at once."""
+        """Stamp at which the run itself begins: older records are shown at once."""
         extents = {topic.name: (topic.stamp_ns, int(topic.rows["stamp_ns"][-1])) for topic in self.topics
                    if len(topic.rows)}
         return run_begin_ns(extents, {topic.name: topic.rate_hz for topic in self.topics})
@@ -139,7 +139,7 @@ class Showing(Closable):
         return shown
 
     def _in_order(self) -> Iterator[ReplayedTopic]:
-        """The topic whose record is next, again and again."""
+        """The topic of the next record, repeatedly."""
         heap = [(topic.stamp_ns, k) for k, topic in enumerate(self.topics) if len(topic.rows)]
         heapq.heapify(heap)
         while heap:
@@ -162,7 +162,7 @@ class Showing(Closable):
 
 
 def _declared(row: RecordedTopic) -> list[Topic]:
-    """Its row of the table, where it has one: what of it would be computed on demand."""
+    """Its row of the table, if it has one: fields that would be computed on demand."""
     return [topic for topic in TOPICS if topic.name == row.ring and topic.writer in (row.kind, "*")]
 
 

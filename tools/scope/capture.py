@@ -1,4 +1,4 @@
-"""From fields and a condition to a window of records: which rings, waiting for the moment, and what comes after it."""
+"""From fields and a condition to a window of records: rings, wait for the trigger, records after it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from trocar.tools.scope.window import Gap, RingWindow, WindowRows, gaps_of
 from trocar.tools.systems.find import is_up, unknown
 
 POLL_S: Final = 0.02
-SILENT_S: Final = 1.0  # nothing new of any ring for so long: what follows the moment does not come any more
+SILENT_S: Final = 1.0  # no new record in any ring for this long: no records after the trigger are expected any more
 PERIODS: Final = 3.0  # of a ring: its first record in a window may be so late
 SLOWER: Final = 20.0  # real time per time of the system, at most
 
@@ -44,10 +44,10 @@ class ScopedField:
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """What was caught. `moment_ns`: stamp of the moment; `rows`: of each ring the records in the window.
+    """The captured data. `moment_ns`: stamp of the trigger; `rows`: of each ring the records in the window.
 
-    `short`: what of the window's beginning no ring had any more, s, by topic; `unseen`: what of its end did not come,
-    or was not waited for.
+    `short`: part of the window's beginning that was no longer in a ring, s, by topic; `unseen`: part of its end that
+    did not arrive, or was not waited for.
     """
 
     moment_ns: int
@@ -62,7 +62,7 @@ class Capturing(Closable):
     """The rings of some fields and of a condition, open; a context manager."""
 
     def __init__(self, system: str, paths: Sequence[FieldPath], condition: Condition | None) -> None:
-        """Attach; Misuse and Problem say what of it is not there."""
+        """Attach; Misuse and Problem name the missing parts."""
         self.system = system
         self.is_up = is_up(system)
         self._stack = contextlib.ExitStack()
@@ -98,7 +98,7 @@ class Capturing(Closable):
                 found = cells_of(entry, path, source.record)
             except BadPath as error:
                 raise Misuse(str(error)) from None
-        if self.is_up:  # of a dead system nobody computes anything any more
+        if self.is_up:  # in a crashed system nothing is computed any more
             demand = self._stack.enter_context(OnDemand(self.system, entry.instance))
             fields = (found.field,) if found.field in entry.fields else ()
             with contextlib.suppress(SegmentError), OpenTopic(self.system, dataclasses.replace(entry, fields=fields)
@@ -107,7 +107,7 @@ class Capturing(Closable):
         return entry, found
 
     def _tests(self, leaf: Leaf) -> dict[str, Test]:
-        """What tests the records of which rings."""
+        """Tests for the records, by ring."""
         if isinstance(leaf, Comparison):
             entry, cells = self._found(leaf.path)
             return {_ring(entry): field_test(leaf, cells)}
@@ -124,13 +124,13 @@ class Capturing(Closable):
         return {f"{name}/events": event_test(leaf, words) for name in names}
 
     def last(self, seconds: float) -> Capture:
-        """The newest of what is kept; the moment is that of the newest record. Problem where there is none."""
+        """The newest records kept; the trigger is the newest record. Problem if there is none."""
         for window in self._windows.values():
             window.collect()
         return self._cut(self._newest_ns(), seconds, 0.0)
 
     def past(self, before_s: float, after_s: float) -> Capture | None:
-        """Around the last time that the condition began to hold in what the rings keep; None: it never did."""
+        """Around the last time at which the condition became true in the rings' history; None: it never did."""
         assert self._trigger is not None
         for topic, window in self._windows.items():
             self._trigger.take(topic, window.collect())
@@ -166,9 +166,9 @@ class Capturing(Closable):
                 pause(POLL_S)
 
     def _follow(self, time: SystemTime, until_ns: int, after_s: float) -> None:
-        """Take in what comes until the end of the window, or until nothing comes any more.
+        """Read records until the end of the window, or until none arrive any more.
 
-        What is written on events says by its silence nothing of where the window ends: that tells the system's time.
+        The silence of an event-driven topic does not show the end of the window: the system's time does.
         """
         limit_ns = monotonic_ns() + round((after_s * SLOWER + SILENT_S) * 1e9)
         shown = [self._windows[topic] for topic in {one.topic for one in self._scoped}]
@@ -189,7 +189,7 @@ class Capturing(Closable):
             pause(POLL_S)
 
     def _known_until_ns(self) -> int:
-        """Until then nothing of what is written on events is missing."""
+        """Until then all event-driven records are present."""
         if not self.is_up:
             return self._newest_ns(or_ns=0)
         with SystemTime(self.system) as time:

@@ -19,9 +19,9 @@ SPARKS: Final = "▁▂▃▄▅▆▇█"
 
 def plot_lines(times: Numbers, values: Numbers, first: float, last: float, *, width: int = 80, height: int = 6,
                ascii_only: bool = False) -> list[str]:
-    """A plot of values (n,) over times (n,), s, from `first` to `last`, with its scale; so many characters.
+    """A plot of values (n,) over times (n,), s, from `first` to `last`, with its scale; of this size in characters.
 
-    Of several samples in a column of dots all from the smallest to the largest are drawn: none is too short.
+    Of several samples in a column of dots, the range from the smallest to the largest is drawn: no peak is too short.
     """
     columns, rows = (width - LABEL - 2) * (1 if ascii_only else 2), height * (1 if ascii_only else 4)
     good = np.isfinite(values)
@@ -39,7 +39,7 @@ def plot_lines(times: Numbers, values: Numbers, first: float, last: float, *, wi
 
 
 def axis_line(first: float, last: float, *, width: int = 80, ascii_only: bool = False) -> str:
-    """The line below: begin, end, and the moment (0) where it lies between them."""
+    """The line below: begin, end, and the trigger (0) if it is between them."""
     columns = width - LABEL - 2
     line = [" "] * columns
     begin, end = f"{first:+.3f} s", f"{last:+.3f} s"
@@ -108,13 +108,13 @@ def _short(value: float, digits: int = 4) -> str:
 
 
 def _apart(high: float, low: float) -> tuple[str, str]:
-    """Both with as many digits as it takes to tell them apart."""
+    """Both with as many digits as needed to distinguish them."""
     return next(((top, bottom) for top, bottom in ((_short(high, n), _short(low, n)) for n in range(4, 12))
                  if top != bottom), (_short(high), _short(low)))
 
 
 def changes(times: Numbers, values: NDArray[Any]) -> list[tuple[float, Any]]:
-    """When a value (n,) was another than before, and what it was from then on; the first one too."""
+    """Times at which a value (n,) changed, and the new values; the first one too."""
     if not len(values):
         return []
     new = np.flatnonzero(values[1:] != values[:-1]) + 1

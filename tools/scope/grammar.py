@@ -1,4 +1,4 @@
-"""What a person writes behind `--when`, as a tree. Nothing of it is ever evaluated as code.
+"""The argument of `--when`, as a tree. No part of it is ever evaluated as code.
 
     condition = all { "or" all }
     all       = one { "and" one }
@@ -32,14 +32,14 @@ RESERVED: Final = ("and", "or", "not", "event", "fault", "abs")
 
 
 class BadCondition(ValueError):
-    """What was written is no condition; the message says where and what is allowed."""
+    """The text is not a condition; the message gives the position and the allowed forms."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A field compared with a value; no operator: it is not 0, of text not empty. Of several: any of them.
+    """A field compared with a value; without operator: it is not 0, or its text is not empty. Of several: any of them.
 
-    `written`: the value as it was typed, which is what a text is compared with.
+    `written`: the value as typed, with which a text is compared.
     """
 
     path: FieldPath
@@ -51,7 +51,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class EventSeen:
-    """An event that words tell: whose, its severity, its code, its name; `text`: a part of its sentence."""
+    """An event given by words: owner, severity, code, name; `text`: a part of its sentence."""
 
     words: tuple[str, ...] = ()
     text: str = ""
@@ -92,14 +92,14 @@ Condition = Leaf | Not | Both | Either
 
 
 def parse_condition(text: str) -> Condition:
-    """The tree of what was written; BadCondition."""
+    """The tree of the text; BadCondition."""
     if len(text) > MAX_LENGTH:
         raise BadCondition(f"a condition of {len(text)} characters; allowed are {MAX_LENGTH}")
     return _Parser(text).whole()
 
 
 def leaves(condition: Condition) -> Iterator[Leaf]:
-    """What a condition is made of, from left to right."""
+    """The leaves of a condition, from left to right."""
     if isinstance(condition, Not):
         yield from leaves(condition.one)
     elif isinstance(condition, Both | Either):

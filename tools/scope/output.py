@@ -39,7 +39,7 @@ class Series:
 
 
 def series_of(capture: Capture) -> Iterator[Series]:
-    """Every cell, in the order in which the fields were asked for."""
+    """Every cell, in the order of the requested fields."""
     for one in capture.scoped:
         rows = capture.rows[one.topic]
         for k, label in enumerate(one.cells.labels):
@@ -60,7 +60,7 @@ def as_json(capture: Capture, condition: str, before_s: float, after_s: float) -
 
 
 def lost(capture: Capture) -> int:
-    """Records in the window that nobody can show any more."""
+    """Records in the window that are lost."""
     return sum(gap.lost for gap in capture.gaps)
 
 
@@ -106,7 +106,7 @@ def _changed(each: Series, times: NDArray[np.float64]) -> Iterator[str]:
 
 
 def remarks(capture: Capture) -> Iterator[str]:
-    """What is missing, in words, and how much there is."""
+    """Missing parts, in words, with their amount."""
     for topic, rows in capture.rows.items():
         yield f"{topic}: {len(rows)} records"
     for topic, seconds in capture.short.items():

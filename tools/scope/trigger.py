@@ -1,7 +1,7 @@
-"""When a condition holds: evaluated at every record of the rings that it is about, on their stamps.
+"""When a condition is true: evaluated at every record of its rings, on their stamps.
 
-Between two records a field has the value of the first; an event is at its stamp alone. Where rings come in at different
-times, no further than to the newest stamp that all of those have which still move.
+Between two records a field has the value of the first; an event is at its stamp alone. If rings are read at different
+times, the evaluation ends at the newest stamp that all still active rings have.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ Test = Callable[[NDArray[Any]], Flags]
 COMPARE: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     ">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le, "==": operator.eq, "!=": operator.ne}
 LAGS_NS: Final = 250_000_000
-"""A ring whose newest record is so much older than others', or than the time it is, is not waited for."""
+"""A ring whose newest record is this much older than others', or than the present time, is not waited for."""
 IO_FAULTS: Final = [fault.code.encode() for fault in FAULTS]
 YES: Final = {"true": 1.0, "yes": 1.0, "false": 0.0, "no": 0.0}
 
 
 def field_test(leaf: Comparison, cells: FieldCells) -> Test:
-    """What tells of each record whether a comparison holds; Misuse where field and value do not go together."""
+    """A function that tests a comparison at each record; Misuse if field and value are incompatible."""
     if cells.is_text:
         if leaf.operator not in ("", "==", "!=") or leaf.of_size:
             raise Misuse(f"{leaf.path.text} is text: allowed are == and !=")
@@ -69,7 +69,7 @@ def _number(leaf: Comparison, cells: FieldCells) -> float:
 
 
 def event_test(leaf: EventSeen | FaultSeen, words: Sequence[str]) -> Test:
-    """What tells of each event whether it is the one meant; `words` are those but for the name of whose it is."""
+    """A function that tests each event for a match; `words` are those except the name of the owner."""
     if isinstance(leaf, FaultSeen):
         return lambda rows: (((rows["event"] == b"operating_state") & (rows["state"] == b"FAULT"))
                              | ((rows["severity"] == ERROR) & np.isin(rows["code"], IO_FAULTS)))
@@ -90,7 +90,7 @@ def event_test(leaf: EventSeen | FaultSeen, words: Sequence[str]) -> Test:
 
 @dataclass(slots=True)
 class _LeafState:
-    """What is known of a leaf: stamps at which it was looked at and what it was there, not yet used; and before."""
+    """State of a leaf: unused stamps and values of its evaluation, and the value before."""
 
     is_event: bool
     tests: dict[str, Test]
@@ -116,26 +116,26 @@ class Trigger:
 
     def __init__(self, condition: Condition, tests: Sequence[tuple[Leaf, dict[str, Test]]], rates: Mapping[str, float]
                  ) -> None:
-        """`tests`: of each leaf, as `grammar.leaves` gives them, what tests the records of a topic; `rates`, Hz."""
+        """`tests`: for each leaf, as listed by `grammar.leaves`, the test functions by topic; `rates`, Hz."""
         self._condition = condition
         self._leaves = [_LeafState(not isinstance(leaf, Comparison), dict(made)) for leaf, made in tests]
         self._newest = {topic: 0 for topic, rate in rates.items() if rate > 0.0}
 
     def take(self, topic: str, records: NDArray[Any]) -> None:
-        """Records of a ring that came since."""
+        """New records of a ring."""
         for leaf in self._leaves:
             leaf.take(topic, records)
         if len(records) and topic in self._newest:
             self._newest[topic] = int(records["stamp_ns"][-1])
 
     def begin(self, topic: str, record: NDArray[Any]) -> None:
-        """What holds at the beginning: `record` (1,) is the newest of a ring before it, which is no moment itself."""
+        """Initial values: `record` (1,) is the newest of a ring before the start, which is no trigger itself."""
         for leaf in self._leaves:
             if not leaf.is_event and topic in leaf.tests and len(record):
                 leaf.before = bool(leaf.tests[topic](record)[-1])
 
     def look(self, now_ns: int = 0, *, to_end: bool = False) -> tuple[Stamps, Flags]:
-        """Stamps that are new, in order, and whether the condition holds there; `to_end`: nothing more will come."""
+        """New stamps, in order, and whether the condition is true there; `to_end`: no more records will follow."""
         newest_ns = max(now_ns, *self._newest.values(), 0)
         moving = [stamp for stamp in self._newest.values() if stamp > newest_ns - LAGS_NS]
         horizon = np.iinfo(np.int64).max if to_end or not moving else min(moving)
@@ -161,7 +161,7 @@ def _on(grid: Stamps, leaf: _LeafState, stamps: Stamps, flags: Flags) -> Flags:
     if leaf.is_event:
         return np.isin(grid, stamps[flags])
     place = np.searchsorted(stamps, grid, "right") - 1
-    held = np.append(flags, leaf.before)  # the last one stands for -1
+    held = np.append(flags, leaf.before)  # the last one is for -1
     return np.asarray(held[place], np.bool_)
 
 

@@ -1,4 +1,4 @@
-"""What is kept of a ring's records while `scope` waits: chosen cells, every record once, and what is missing."""
+"""Records of a ring kept while `scope` waits: chosen cells, every record once, and the gaps."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Stamps = NDArray[np.int64]
 
 TRIES = 4
 SPARE = 64
-"""Records that come while we ask for some newest ones, at most."""
+"""Maximum number of records that arrive while we read the newest ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Records that nobody can show any more: how many, behind the one of this stamp."""
+    """Lost records: how many, behind the one of this stamp."""
 
     topic: str
     stamp_ns: int
@@ -49,7 +49,7 @@ class RingWindow:
     """The newest records of one ring, as long as they are needed; call `collect` often enough."""
 
     def __init__(self, topic: str, reader: RingReader, cells: Sequence[FieldCells]) -> None:
-        """`topic` is what the ring is called. Nothing is kept yet."""
+        """`topic` is the name of the ring. Nothing is kept yet."""
         self.topic, self.cells, self._reader = topic, tuple(cells), reader
         self._pieces: list[WindowRows] = [self._rows(np.zeros(0, reader.dtype))]
         self._seen = 0
@@ -72,12 +72,12 @@ class RingWindow:
         return float(rate) if isinstance(rate, int | float) else 0.0
 
     def collect(self, from_ns: int = 0) -> NDArray[Any]:
-        """Take in what came since, the first time what was kept from `from_ns` on; these records, whole."""
+        """Read new records, the first time the history from `from_ns` on; returns these records, complete."""
         if self._is_first:
             records, self._is_first = self._reader.since(from_ns), False
             self._seen = int(records["sequence"][-1]) if len(records) else self._reader.head
         else:
-            self._seen = min(self._seen, self._reader.head)  # no writer goes back: rather begin anew than wait for it
+            self._seen = min(self._seen, self._reader.head)  # no writer goes back: restart rather than wait for it
             records = _behind(self._reader, self._seen)
             if len(records):
                 self._seen = int(records["sequence"][-1])
@@ -86,7 +86,7 @@ class RingWindow:
         return records
 
     def newest_before(self, stamp_ns: int) -> NDArray[Any]:
-        """The newest record that is older, whole: what a field was until then; none where none is kept."""
+        """The newest record that is older, complete: earlier values of the fields; empty if none is kept."""
         for count in (SPARE, self._reader.depth):  # usually it is among the newest few
             records = self._reader.last(count)
             records = records[records["stamp_ns"] < stamp_ns]
@@ -95,7 +95,7 @@ class RingWindow:
         return records[-1:]
 
     def forget(self, before_ns: int) -> None:
-        """What is older is needed no more."""
+        """Older records are no longer needed."""
         while len(self._pieces) > 1 and (not len(self._pieces[0]) or int(self._pieces[0].stamps[-1]) < before_ns):
             del self._pieces[0]
 
@@ -116,9 +116,9 @@ class RingWindow:
 
 
 def _behind(reader: RingReader, seen: int) -> NDArray[Any]:
-    """Every record behind that of number `seen`; where one is missing it was overwritten.
+    """Every record behind number `seen`; missing ones were overwritten.
 
-    The writer goes on while we look: of so many newest ones the first may be too new by then.
+    The writer continues during the read: the first of the requested newest ones may be too new by then.
     """
     for _ in range(TRIES):
         records: NDArray[Any] = reader.last(reader.head - seen + SPARE)

@@ -1,7 +1,7 @@
-"""What a verb that starts a system of its own leaves behind when it is killed: nothing.
+"""Cleanup after a killed verb that has started a system of its own.
 
-A small process beside it waits for its end, however that comes: the kernel closes the pipe between them. Unless it was
-told before that all is well it ends the system and removes what was made for it: shared memory and a folder.
+A small process beside it waits for its end of any kind: the kernel closes the pipe between them. Unless the verb has
+reported success before, this process ends the system and removes its shared memory and folder.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ PATIENCE_S: Final = 10.0
 
 
 def await_end(child: subprocess.Popen[bytes] | subprocess.Popen[str], patience_s: float) -> None:
-    """Wait for the end of a child, and kill it when that does not come."""
+    """Wait for the end of a child, and kill it if it does not end."""
     try:
         child.wait(timeout=patience_s)
     except subprocess.TimeoutExpired:
@@ -40,7 +40,7 @@ class Keeper(Closable):
     """The process beside us, for one system and maybe a folder; a context manager."""
 
     def __init__(self, system: str, folder: Path | None = None) -> None:
-        """Start it, in a session of its own: what ends us by a signal to our group does not end it."""
+        """Start it, in a session of its own: a signal to our process group does not end it."""
         words = [sys.executable, "-P", "-m", "trocar.tools.systems.cleanup", system,
                  *([str(folder)] if folder is not None else [])]
         self._child = subprocess.Popen(words, cwd=ROOT, env=environment(), stdin=subprocess.PIPE,
@@ -57,7 +57,7 @@ class Keeper(Closable):
 
 @contextlib.contextmanager
 def own_folder(system: str) -> Iterator[Path]:
-    """A folder for whoever measures as `system`; it and all shared memory of that name are gone at the end."""
+    """A folder for measurements as `system`; it and all shared memory of that name are removed at the end."""
     folder = Path(tempfile.gettempdir(), f"trocar-{system}-{secrets.token_hex(4)}")  # short: iceoryx2 bounds paths
     with Keeper(system, folder):  # before there is anything to remove
         try:
@@ -68,7 +68,7 @@ def own_folder(system: str) -> Iterator[Path]:
 
 
 def _remove(system: str, folder: Path) -> None:
-    """Segments of the system, the folder, and what others made in shared memory under the name of the folder."""
+    """Segments of the system, the folder, and other shared memory under the name of the folder."""
     for parts in names_of(system):
         unlink(segment_name(*parts))
     for path in FOLDER.glob(f"{folder.name}_*"):
@@ -77,7 +77,7 @@ def _remove(system: str, folder: Path) -> None:
 
 
 def main() -> None:
-    """Wait for the end of whoever started us; the rest is up to what was said."""
+    """Wait for the end of the parent; the report it sent before decides the rest."""
     system, *folders = sys.argv[1:]
     if sys.stdin.buffer.read() == FINE:
         return

@@ -1,4 +1,4 @@
-"""Keeping what a system has in shared memory as a recording: on demand, and before what a dead one left is removed."""
+"""Saving a system's shared memory as a recording: on demand, and before the remains of a crashed one are removed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from trocar.tools.systems.find import forbidden, is_up
 from trocar.tools.systems.processes import SUPERVISOR
 
 KEPT: Final = 5
-"""Recordings of dead systems that are kept, the newest ones."""
+"""Maximum number of recordings of crashed systems kept, the newest ones."""
 STATUS: Final = "status.json"
 """Attachment: all processes as `trocar status --json` shows them."""
 
@@ -36,7 +36,7 @@ class FileIsThere(Problem):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Dumped:
-    """A file that was written: its topics with the number of their records, and what could not be read."""
+    """A written file: its topics with the number of their records, and the unreadable parts."""
 
     file: Path
     bytes: int
@@ -45,8 +45,8 @@ class Dumped:
 
 
 def dump(system: str, file: Path, reason: str, say: Say, mode: int = 0o666) -> Dumped:
-    """Write all rings of a system, dead or alive, into a new file (of this mode); Problem where that cannot be."""
-    from trocar.procs.recordings import snapshot  # only who records pays for it
+    """Write all rings of a running or crashed system into a new file (of this mode); Problem if that fails."""
+    from trocar.procs.recordings import snapshot  # imported only where recordings are written
     from trocar.procs.recordings.facts import document_of, facts_of
 
     status, problems = _status(system)
@@ -69,13 +69,13 @@ def dump(system: str, file: Path, reason: str, say: Say, mode: int = 0o666) -> D
 
 
 def _status(system: str) -> tuple[list[tuple[str, str, bytes]], list[str]]:
-    """All processes as an attachment, or what is wrong with them."""
+    """All processes as an attachment, or the error."""
     from trocar.tools.inspect.processes import statuses
 
     try:
         rows = [plain(dataclasses.asdict(row)) for row in statuses(system)]
         return [(STATUS, "application/json", json.dumps(rows).encode())], []
-    except Exception as error:  # what died may have left anything
+    except Exception as error:  # a crashed process may have left any content
         return [], [f"{STATUS}: {error or type(error).__name__}"]
 
 
@@ -91,9 +91,9 @@ def dump_by_time(system: str, word: str, reason: str, say: Say) -> Dumped:
 
 
 def keep_left_over(system: str, say: Say) -> Path | None:
-    """Dump what a dead system left before it is removed, and say where; None: there is nothing, or it cannot be kept.
+    """Dump the remains of a crashed system before their removal, and report the file; None: none, or not possible.
 
-    Whatever lies there never stops who clears it: what cannot be had is told.
+    Damaged content never stops the removal: unreadable parts are reported.
     """
     try:
         if (system, SUPERVISOR, "document") not in names_of(system) or is_up(system) or forbidden(system):
@@ -110,7 +110,7 @@ def keep_left_over(system: str, say: Say) -> Path | None:
 
 
 def remove_older(file: Path) -> None:
-    """Of what was kept of dead systems beside `file` the newest stay, `file` among them; nothing else is touched."""
+    """Of the dumps of crashed systems beside `file` the newest stay, including `file`; no other file is touched."""
     ours = re.compile(rf"{names.DIED}-({names.TIME})(?:-(\d+))?\.mcap")
     found = [(match[1], int(match[2] or 1), path) for path in file.parent.iterdir()
              if path != file and (match := ours.fullmatch(path.name))]

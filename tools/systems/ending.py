@@ -1,4 +1,4 @@
-"""The end of a system, made sure of: no process of it runs, nothing of it lies in shared memory."""
+"""Verified end of a system: no process of it runs, none of its segments is in shared memory."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ ORPHAN_NS = 6_000_000_000  # longer than any process may take to end
 
 
 def stop_system(system: str, say: Say, timeout: float = STOP_S, keep: Callable[[str], object] = str) -> int:
-    """End a system; returns how many segments were left for us to remove. Problem says what is left after `timeout` s.
+    """End a system; returns how many segments were left for us to remove. Problem names the remains after `timeout` s.
 
-    `keep` is called once when nobody supervises it (any more), before what is in its memory goes on, or away.
-    The supervisor is asked by its mailbox; where that cannot be had or does not help, by SIGTERM. Where there is no
-    supervisor its processes, which should end by themselves, are asked, and killed when they do not.
+    `keep` is called once if it has no supervisor (any more), before its memory changes or is removed. The supervisor
+    gets a stop by mailbox; if that is unavailable or has no effect, SIGTERM. Without a supervisor its processes, which
+    should end by themselves, get SIGTERM, and are killed if they do not end.
     """
     ending, end = _Ending(system, keep), monotonic_ns() + round(timeout * 1e9)
     while left := ending.step(monotonic_ns()):
@@ -36,7 +36,7 @@ def stop_system(system: str, say: Say, timeout: float = STOP_S, keep: Callable[[
 
 
 class _Ending:
-    """One look after the other at what is left of a system."""
+    """Successive looks at the remains of a system."""
 
     def __init__(self, system: str, keep: Callable[[str], object]) -> None:
         self.system, self.cleared = system, 0
@@ -56,7 +56,7 @@ class _Ending:
         return True
 
     def step(self, now_ns: int) -> str:
-        """Do the next thing; what is left, in words, empty when nothing is."""
+        """Take the next step; returns the remains, in words, empty if there are none."""
         supervisor, processes = supervisor_of(self.system), running(self.system)
         if supervisor is not None:
             if supervisor.pid != self._first:
@@ -75,7 +75,7 @@ class _Ending:
         return self._left([])
 
     def _send(self, processes: list[RunningProcess], number: int) -> None:
-        """Send a signal, once to each; who is stopped is woken."""
+        """Send a signal, once to each; a stopped process is woken."""
         for process in processes:
             if (process, number) not in self._sent:
                 self._sent.add((process, number))

@@ -1,4 +1,4 @@
-"""Which systems are up, which one is meant, and what dead ones have left behind."""
+"""Running systems, the selected one, and the remains of crashed ones."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from trocar.tools.systems.processes import SUPERVISOR, RunningProcess, running
 
 
 def environment() -> dict[str, str]:
-    """Ours, with the project found whatever the working folder is (which relative paths are meant for)."""
+    """Our environment, with the project found from any working folder (to which relative paths refer)."""
     rest = os.environ.get("PYTHONPATH", "")
     return {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{rest}" if rest else str(ROOT)}
 
@@ -41,7 +41,7 @@ def system_file(file: Path, path: Sequence[Path] = ()) -> Path:
 
 
 def alive(identity: Identity) -> bool:
-    """Whether the process that claimed a segment last still lives. Asks /proc only: it takes no lock of anybody."""
+    """Whether the process that last claimed a segment is still alive. Reads /proc only: takes no lock."""
     if not identity.pid or start_time(identity.pid) != identity.start:
         return False
     try:
@@ -52,7 +52,7 @@ def alive(identity: Identity) -> bool:
 
 
 def supervisor_of(system: str) -> Identity | None:
-    """Who supervises a system: as its control page says, or where that is no help, as the kernel lists it."""
+    """The supervisor of a system: by its control page, or if that fails, by the kernel's process list."""
     return _as_its_page_says(system) or _as_listed(running(system)).get(system)
 
 
@@ -76,7 +76,7 @@ def is_up(system: str) -> bool:
 
 
 def orphaned(system: str) -> str:
-    """Why nothing of a system comes back by itself, and what starts it again; empty: it has a supervisor."""
+    """Why no part of a system restarts by itself, and the command that restarts it; empty: it has a supervisor."""
     return "" if is_up(system) else "the supervisor is dead; trocar up FILE starts the system again"
 
 
@@ -94,7 +94,7 @@ def all_up() -> list[str]:
 
 
 def forbidden(system: str) -> str:
-    """Why we may not look at a system of somebody else, in words; empty: we may, or it is not there."""
+    """Why we may not read another user's system, in words; empty: we may, or it does not exist."""
     return _forbidden(system, [segment_name(*parts) for parts in names_of(system)])
 
 
@@ -105,7 +105,7 @@ def _forbidden(system: str, ours: Sequence[str]) -> str:
 
 
 def _denied(system: str, ours: Sequence[str]) -> tuple[str, str]:
-    """Whose a system is at which we may not look, and what decides about that; both empty: we may."""
+    """Owner of a system that we may not read, and the rule that decides; both empty: we may."""
     if any(os.access(path_of(name), os.R_OK) for name in ours):
         return "", ""
     return _owner(system, ours), ("its `group` decides who else may attach" if ours else
@@ -113,7 +113,7 @@ def _denied(system: str, ours: Sequence[str]) -> tuple[str, str]:
 
 
 def other_owner(system: str) -> str:
-    """Who a system belongs to ("user bob"); empty: to us, or it is not there."""
+    """The owner of a system ("user bob"); empty: us, or it does not exist."""
     return _owner(system, [segment_name(*parts) for parts in names_of(system)])
 
 
@@ -129,9 +129,9 @@ def is_simulated(system: str) -> bool:
 
 
 def chosen_system(name: str | None = None) -> str:
-    """The system meant: `name` when given, else the only one up; Problem says what there is.
+    """The selected system: `name` if given, else the only one up; Problem names the existing ones.
 
-    A named system may be dead: what it left can still be looked at.
+    A named system may be dead: its remains can still be read.
     """
     if name:
         if why := forbidden(name):
@@ -158,7 +158,7 @@ def _named(system: str | None = None, *, foreign: bool = False) -> dict[str, lis
 
 
 def _documented(named: Mapping[str, Sequence[str]]) -> list[str]:
-    """Those that have, or had, a supervisor which came as far as the document."""
+    """Those that have, or had, a supervisor that got as far as the document."""
     return sorted(system for system, names in named.items() if segment_name(system, SUPERVISOR, "document") in names)
 
 
@@ -169,7 +169,7 @@ def _permitted() -> list[str]:
 
 
 def _of_others() -> str:
-    """What is to be said of systems of other users."""
+    """Message about systems of other users."""
     ours, theirs = _named(), _named(foreign=True)
     found = sorted({*_documented(ours), *_documented(theirs)})
     theirs_by_hint: dict[str, list[str]] = {}
@@ -186,7 +186,7 @@ def _there_are(names: list[str]) -> str:
 
 
 def left_over(name: str | None = None) -> list[str]:
-    """Systems with segments in shared memory, or processes, and nobody who supervises them (asks the kernel)."""
+    """Systems with segments in shared memory, or processes, without a supervisor (makes system calls)."""
     named = _named(name)
     found = {*named, *(process.system for process in running(name))}
     ours = [system for system in found if not _forbidden(system, named.get(system, []))]
@@ -196,7 +196,7 @@ def left_over(name: str | None = None) -> list[str]:
 
 
 def clear(system: str) -> int:
-    """Remove every segment of a dead system; returns their number."""
+    """Remove every segment of a crashed system; returns their number."""
     names = names_of(system)
     for part in names:
         unlink(segment_name(*part))
@@ -204,7 +204,7 @@ def clear(system: str) -> int:
 
 
 def instances_of_kind(system: str, kind: str) -> list[str]:
-    """Instances of a kind, from what their state rings say of themselves."""
+    """Instances of a kind, from the data in their state rings."""
     found = []
     for owner, instance, what in names_of(system):
         if what == "state":

@@ -1,4 +1,4 @@
-"""Processes of our systems as the kernel lists them: found by their command lines, whatever lies in shared memory."""
+"""Processes of our systems in the kernel's list: found by their command lines, independent of shared memory."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class RunningProcess:
     start: int
 
     def send(self, number: int) -> bool:
-        """Send it a signal; False when it is gone (nobody else who has its pid now is hit) or not ours to signal."""
+        """Send it a signal; False if it is gone (a new process with its pid is not hit) or not ours to signal."""
         if start_time(self.pid) != self.start:
             return False
         try:
@@ -41,7 +41,7 @@ class RunningProcess:
 
 
 def running(system: str | None = None, *, foreign: bool = False) -> list[RunningProcess]:
-    """All processes of a system, or of all, whose users we trust; with `foreign` of all users. The supervisor first."""
+    """All processes of a system, or of all, of trusted users; with `foreign` of all users. The supervisor first."""
     trusted = None if foreign else owners.accepted()
     found = [_parsed(folder, trusted) for folder in Path("/proc").iterdir() if folder.name.isdigit()]
     rows = [row for row in found if row is not None and system in (None, row.system)]
@@ -50,7 +50,7 @@ def running(system: str | None = None, *, foreign: bool = False) -> list[Running
 
 @dataclass(frozen=True, slots=True)
 class ParentProcess:
-    """The process that started another one, and its command line in words."""
+    """The parent of a process, with its command line in words."""
 
     pid: int
     command: tuple[str, ...]

@@ -1,7 +1,7 @@
-"""All that others need to find out what went wrong, in one archive, without secrets.
+"""All information needed to diagnose a problem, in one archive, without secrets.
 
-Tokens are blanked wherever they stand: those of the files that the configuration names, and what looks like one in an
-address. Keys and certificates are in files of their own, which are not taken.
+Tokens are blanked everywhere: those in the files named by the configuration, and texts that look like one in an
+address. Keys and certificates are in files of their own, which are not included.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ LOG_BYTES: Final = 4 << 20
 IN_ADDRESS: Final = re.compile(rb"(token=)[^\s&\"'<>]+")
 BLANK: Final = b"[left out]"
 SHORTEST: Final = 6
-"""Shorter words are no tokens, and may stand anywhere."""
+"""Shorter words are not tokens, and are not blanked."""
 PATIENCE_S: Final = 10.0
 PRIVATE: Final = 0o600
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Reported:
-    """What was packed: names in the archive with their bytes, and what could not be had."""
+    """Packed content: names in the archive with their bytes, and the unreadable parts."""
 
     files: dict[str, int]
     problems: tuple[str, ...]
@@ -77,7 +77,7 @@ class Report:
         self.text(name, "".join(json.dumps(plain(row), ensure_ascii=False) + "\n" for row in rows).encode())
 
     def copy(self, name: str, path: Path) -> None:
-        """A file as it is; what is added to it meanwhile is left out."""
+        """A file as it is; data added meanwhile is left out."""
         with path.open("rb") as stream:
             self._tar.addfile(self._entry(name, os.fstat(stream.fileno()).st_size), stream)
 
@@ -118,7 +118,7 @@ def report(system: str, file: Path, most: int, say: Say) -> Reported:
         made.text("CONTENTS.txt", _contents(made).encode())
         made.close()
     except BaseException:
-        with contextlib.suppress(OSError):  # what it still holds has no room either
+        with contextlib.suppress(OSError):  # its remaining content has no room either
             made.close()
         file.unlink(missing_ok=True)
         raise
@@ -141,7 +141,7 @@ def _versions() -> dict[str, Any]:
 
 
 def _git(*words: str) -> str:
-    """What git says of the checkout, without a lock on its index, which `describe --dirty` would take."""
+    """State of the checkout according to git, without a lock on its index, which `describe --dirty` would take."""
     words = ("git", "--no-optional-locks", "-C", str(ROOT), *words)
     return subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False).stdout.strip()
 
@@ -184,20 +184,20 @@ def _add_logs(made: Report, say: Say) -> None:
 def _newest(system: str) -> list[Path]:
     found = []
     for path in folder_of(system).rglob("*.mcap"):
-        with contextlib.suppress(OSError):  # its turn to go has come, or nobody may look at it
+        with contextlib.suppress(OSError):  # removed meanwhile, or unreadable
             found.append((path.stat().st_mtime, path))
     return [path for _, path in sorted(found, reverse=True)]
 
 
 def _add_recordings(made: Report, file: Path, most: int, say: Say) -> None:
-    """What is in memory now, and the newest recordings while there is room."""
+    """Present memory content, and the newest recordings while there is room."""
     if names_of(made.system):
         now = file.with_name(f".{file.name}.mcap")
         try:
             dumped = dump(made.system, now, "for a report", say, PRIVATE)
             made.problems += dumped.problems
             made.copy("recordings/now.mcap", now)
-        except Exception as error:  # what died may have left anything
+        except Exception as error:  # a crashed process may have left any content
             made.problems.append(f"recordings/now.mcap: {error or type(error).__name__}")
         finally:
             now.unlink(missing_ok=True)
@@ -209,7 +209,7 @@ def _copy_while_there_is_room(made: Report, paths: Iterable[Path], most: int, sa
         try:
             with path.open("rb"):
                 size = path.stat().st_size
-        except FileNotFoundError:  # its turn to go has come meanwhile
+        except FileNotFoundError:  # removed meanwhile
             continue
         except OSError as error:
             made.problems.append(f"recordings/{path.name}: {error.strerror}")
@@ -221,5 +221,5 @@ def _copy_while_there_is_room(made: Report, paths: Iterable[Path], most: int, sa
             most -= size
             say(f"packing {path.name}", None)
             made.copy(f"recordings/{path.name}", path)
-        except FileNotFoundError:  # its turn to go has come meanwhile
+        except FileNotFoundError:  # removed meanwhile
             continue

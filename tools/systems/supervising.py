@@ -29,12 +29,12 @@ from trocar.tools.verbs.logs import tail
 MODULE = "trocar.procs.supervisor.loop"
 PR_SET_PDEATHSIG, TERMINATE = 1, 15
 LIBC = ctypes.CDLL(None)
-START_S = 300.0  # a supervisor that cannot start ends, and says why at once; a busy machine is slow
+START_S = 300.0  # a supervisor that cannot start ends at once with the reason; a busy machine is slow
 
 
 @dataclass(frozen=True, slots=True)
 class StartRequest:
-    """What a system is started with."""
+    """Start options of a system."""
 
     file: Path
     system: str
@@ -45,11 +45,11 @@ class StartRequest:
     document: bool = False
     """The file is a frozen document, as recordings have it."""
     held: bool = False
-    """Simulated time stands at its beginning until somebody holds it back (shm/time/held_time.py)."""
+    """Simulated time stays at its beginning until a program holds it back (shm/time/held_time.py)."""
 
     def command(self) -> list[str]:
         """The supervisor's command line."""
-        # -P: modules are ours, whatever lies in the folder that the caller stands in
+        # -P: modules are ours, whatever is in the caller's working folder
         words = [sys.executable, "-P", "-m", MODULE, str(self.file), "--system", self.system]
         words += ["--boards", self.boards] if self.boards else []
         for path in self.paths:
@@ -62,7 +62,7 @@ class StartRequest:
 
 
 def refuse_taken(system: str) -> None:
-    """Problem when a system of this name is up, or belongs to somebody else."""
+    """Problem if a system of this name is up, or is another user's."""
     if why := forbidden(system):
         raise Problem(f"{why}; --system gives another name")
     if is_up(system):
@@ -86,7 +86,7 @@ class Background:
     """A supervisor in a session of its own, its output in its log file."""
 
     def __init__(self, request: StartRequest, *, tied: bool = False) -> None:
-        """Start it; returns at once. `tied`: when we die, however that happens, it ends and nothing of it is left."""
+        """Start it; returns at once. `tied`: at any end of ours, it ends and is removed completely."""
         refuse_shortage()
         refuse_taken(request.system)
         self.system = request.system
@@ -99,7 +99,7 @@ class Background:
         self._keeper = Keeper(request.system) if tied else None
 
     def wait_until_up(self, say: Say, timeout: float = START_S) -> None:
-        """Until every process is up; Problem carries what the supervisor said when it is not."""
+        """Wait until every process is up; Problem carries the supervisor's message if they are not."""
         end = monotonic_ns() + round(timeout * 1e9)
         while (shown := self.state()) != "RUNNING":
             if self.popen.poll() is not None:
@@ -119,7 +119,7 @@ class Background:
             return page.state if page.segment.identity().pid == self.popen.pid else ""
 
     def stop(self, say: Say) -> int:
-        """End it on every path: ask, then terminate, then kill; returns its exit code."""
+        """End it in any case: stop, then terminate, then kill; returns its exit code."""
         try:
             return self._end(say)
         finally:

@@ -1,1 +1,1 @@
-"""The pages of `trocar attach`, a module each; they show what the modules of the same names read."""
+"""The pages of `trocar attach`, a module each; they show the data of the modules with the same names."""

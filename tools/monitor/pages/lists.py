@@ -34,7 +34,7 @@ SEVERITIES = ("", "status", "warning", "error")
 
 
 class ProcessesPage(InspectorPage):
-    """Every process: state, rate, jitter, what it uses, restarts, and how the last one ended."""
+    """Every process: state, rate, jitter, resource use, restarts, and its last end."""
 
     TITLE = "processes"
     COLUMNS = (Head("process", 11), Head("state", 14), Head("pid", 7, True, True), Head("Hz", 7, True),
@@ -45,7 +45,7 @@ class ProcessesPage(InspectorPage):
 
     @property
     def remark(self) -> str:
-        """What it is about."""
+        """Its selection."""
         return f"{len(self.read_once or ())} processes"
 
     def read(self, seen: Overview) -> list[ProcessRow]:
@@ -54,7 +54,7 @@ class ProcessesPage(InspectorPage):
         return found
 
     def made(self, row: ProcessRow) -> TableRow:
-        """What is gone is grey, what is wrong red; its kind is searched, too."""
+        """Past rows are grey, problems red; the kind is searched, too."""
         texts, colours = process_cells(row), self.palette
         styles = ((1, colours.bad), (11, colours.bad)) if row.status.problem else ()
         return TableRow(row.status.name, texts, colours.past if row.is_gone else "", styles, (*texts, row.status.kind))
@@ -65,7 +65,7 @@ class ProcessesPage(InspectorPage):
 
 
 class TopicChosen(Message):
-    """A person wants to see the values of a topic."""
+    """A person selects the values of a topic."""
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
@@ -85,12 +85,12 @@ class TopicsPage(InspectorPage):
 
     @property
     def entries(self) -> list[TopicEntry]:
-        """Those whose values can be looked at."""
+        """Topics with viewable values."""
         return [entry for entry in self.data.entries if entry.kind != EVENT] if self.data is not None else []
 
     @property
     def remark(self) -> str:
-        """What it is about."""
+        """Its selection."""
         return f"{len(self.read_once or ())} records; rates are of the last 2 s"
 
     def read(self, seen: Overview) -> list[TopicRow]:
@@ -98,11 +98,11 @@ class TopicsPage(InspectorPage):
         return self.data.rows(seen.silences) if self.data is not None else []
 
     def rows(self, read: list[TopicRow]) -> Iterable[TopicRow]:
-        """One whose name, or view, is sought comes first."""
+        """A row whose name, or view, matches the search comes first."""
         return sorted(read, key=lambda row: not self.is_named(row.name, *self._names(row.name)))
 
     def made(self, row: TopicRow) -> TableRow:
-        """What is old is grey, with its age; names of the views on it are searched, too."""
+        """Old rows are grey, with their age; names of the views on them are searched, too."""
         texts = [row.name, number(row.nominal_hz, "g") if row.nominal_hz else "on events", number(row.hz, ".1f"),
                  number(row.max_ms, ".3f"), span(row.age_s), str(row.lost), str(row.records), row.problem]
         colours = self.palette
@@ -122,14 +122,14 @@ class TopicsPage(InspectorPage):
                 and (entry.instance, entry.ring) == (place.instance, place.ring)]
 
     def about(self, row: TopicRow) -> list[str]:
-        """What is a view on it."""
+        """The views on it."""
         views = ", ".join(name.partition("/")[2] for name in self._names(row.name))
         return [f"{row.name}: problem: {row.problem}"] * bool(row.problem) + [
             f"{row.name}: Enter shows its values{f'; views: {views}' if views else ''}"]
 
 
 class EventsPage(InspectorPage):
-    """What the processes report, the newest last."""
+    """Reports of the processes, the newest last."""
 
     TITLE = "events"
     COLUMNS = (Head("at", 12), Head("from", 11), Head("what", 20), Head("text", 0))
@@ -143,7 +143,7 @@ class EventsPage(InspectorPage):
 
     @property
     def remark(self) -> str:
-        """What is chosen."""
+        """The selection."""
         least = f"{self._severity} and worse" if self._severity not in ("", "error") else self._severity or "all"
         lost = f"; {self.data.lost} lost" if self.data is not None and self.data.lost else ""
         return f"{least} of {self._who or 'all processes'}{lost}"
@@ -159,7 +159,7 @@ class EventsPage(InspectorPage):
                         ((2, colours.get(row.severity, "")),), (row.who, row.what, row.text, row.hint))
 
     def about(self, row: EventRow) -> list[str]:
-        """The whole sentence, and what a person can do."""
+        """The whole sentence, and the remedy."""
         return [f"{row.at} {row.who}: {row.what}", row.text] + ([f"remedy: {row.hint}"] if row.hint else [])
 
     def action_severity(self) -> None:
@@ -175,7 +175,7 @@ class EventsPage(InspectorPage):
 
 
 class ArmRow(NamedTuple):
-    """How one stands, and whether its process is dead."""
+    """State of one, and whether its process is dead."""
 
     one: Standing
     is_dead: bool
@@ -192,7 +192,7 @@ class ArmsPage(InspectorPage):
 
     @property
     def remark(self) -> str:
-        """What it is about."""
+        """Its selection."""
         return "arms, setup joints, teleoperations, consoles"
 
     def read(self, seen: Overview) -> list[ArmRow]:
@@ -216,7 +216,7 @@ class ArmsPage(InspectorPage):
 
 
 class CommandsPage(InspectorPage):
-    """What is being carried out on top, then what was asked for, the newest first."""
+    """Commands under way on top, then earlier commands, the newest first."""
 
     TITLE = "commands"
     COLUMNS = (Head("at", 12), Head("asked", 9), Head("for", 18), Head("outcome", 9), Head("whose", 0),
@@ -238,7 +238,7 @@ class CommandsPage(InspectorPage):
         return [*now, *reversed(rows)]
 
     def made(self, row: AskedRow) -> TableRow:
-        """What is under way stands out."""
+        """Commands under way are highlighted."""
         colours = self.palette
         if row.outcome == UNDER_WAY:
             return TableRow(f"now {row.key}", row.cells, colours.accent)

@@ -1,4 +1,4 @@
-"""What every page is: a table of rows, and below it what is known of the one that the cursor is on."""
+"""Base of all pages: a table of rows, and below it details of the row under the cursor."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Palette:
-    """Styles of rich, by what they say."""
+    """Styles of rich, by meaning."""
 
     past: str
     bad: str
@@ -47,17 +47,17 @@ class InspectorPage(Vertical):
     AT_END: ClassVar[bool] = False
     DETAILS: ClassVar[int] = 3
     DATA: ClassVar[tuple[Callable[[str], Any], ...]] = ()
-    """Makes what has `rows` of a system and is closed with the page; none: the page sees to that itself."""
+    """Makes an object with `rows` for a system, closed with the page; none: the page handles that itself."""
     data: Any = None
     can_focus = False
 
     def __init__(self, name: str) -> None:
         super().__init__(id=name)
         self.words = ""
-        """What is searched for."""
+        """The search text."""
         self._told = ""
         self.read_once: Any = None
-        """What was read last."""
+        """The last data read."""
         self._shown: dict[str, tuple[Any, TableRow]] = {}
 
     def compose(self) -> ComposeResult:
@@ -76,7 +76,7 @@ class InspectorPage(Vertical):
         return palette(self.app.current_theme.dark)
 
     def open(self, system: str) -> None:
-        """Attach to what the page shows."""
+        """Attach to the page's data."""
         self.data = self.DATA[0](system) if self.DATA else None
 
     def close(self) -> None:
@@ -85,11 +85,11 @@ class InspectorPage(Vertical):
             self.data.close()
 
     def read(self, seen: Overview) -> Any:
-        """What there is now: rows, unless the page has its own `rows`."""
+        """The current data: rows, unless the page has its own `rows`."""
         return self.data.rows() if self.data is not None else []
 
     def rows(self, read: Any) -> Iterable[Any]:
-        """The rows of what was read, in order."""
+        """The rows of the data, in order."""
         return cast(Iterable[Any], read)
 
     def made(self, row: Any) -> TableRow:
@@ -97,16 +97,16 @@ class InspectorPage(Vertical):
         raise NotImplementedError
 
     def about(self, row: Any) -> list[str]:
-        """What is known of a row."""
+        """Details of a row."""
         raise NotImplementedError
 
     @property
     def remark(self) -> str:
-        """What stands beside the title: what is chosen."""
+        """Text beside the title: the selection."""
         return ""
 
     def show(self, read: Any) -> None:
-        """Put what was read on the screen."""
+        """Show the data on the screen."""
         self.read_once = read
         self._shown = {made.key: (row, made) for row in self.rows(read) if self.has(*(made := self.made(row)).searched)}
         self.table.show([made for _, made in self._shown.values()], at_end=self.AT_END)
@@ -119,7 +119,7 @@ class InspectorPage(Vertical):
         self._tell("")
 
     def _tell(self, text: str) -> None:
-        """Below the table; only when it is something else, as the screen is laid out anew by it."""
+        """Below the table; only on a change, which repeats the layout of the screen."""
         if text != self._told:
             self._told = text
             self.query_one(".details", Static).update(Text(printable(text), overflow="ellipsis"))
@@ -139,16 +139,16 @@ class InspectorPage(Vertical):
             self.show(self.read_once)
 
     def search_for(self, words: str) -> None:
-        """Show what has these words, with the cursor on the first row; empty: everything."""
+        """Show the rows with these words, with the cursor on the first one; empty: all."""
         self.words = words
         self.again()
         if words and not self.AT_END:
             self.table.move_cursor(row=0, animate=False)
 
     def has(self, *texts: str) -> bool:
-        """Whether what is searched for is in one of these."""
+        """Whether the search text is in one of these."""
         return self.words.casefold() in " ".join(texts).casefold()
 
     def is_named(self, *names: str) -> bool:
-        """Whether what is searched for is one of these."""
+        """Whether the search text is one of these."""
         return self.words.casefold() in (name.casefold() for name in names)

@@ -12,12 +12,12 @@ from textual.widgets import DataTable
 from trocar.tools.output.printing import printable
 
 WIDE = 110
-"""From so many columns of the terminal on, those columns of a table that are for wide ones are shown."""
+"""From this many columns of the terminal on, a table's columns for wide terminals are shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """A column: its title, characters (0: what is left over, shared), flush right, only where the terminal is wide.
+    """A column: its title, characters (0: the rest, shared), flush right, only on a wide terminal.
 
     A text that is too long continues on the next line.
     """
@@ -30,9 +30,9 @@ class Head:
 
 @dataclass(frozen=True, slots=True)
 class TableRow:
-    """A row: who it is, its cells in the order of all columns, and a style for all, or for one, of them.
+    """A row: its key, its cells in the order of all columns, and a style for all, or for one, of them.
 
-    `more`: what is searched where that is not the cells.
+    `more`: the searched text, if that is not the cells.
     """
 
     key: str
@@ -47,7 +47,7 @@ class TableRow:
         return self.more or self.cells
 
     def texts(self, columns: Sequence[Head], widths: Mapping[int, int]) -> list[Text]:
-        """The cells that are shown, by their places, in so many characters each."""
+        """The visible cells, by their indices, each in its width."""
         own, made = dict(self.styles), []
         for k, width in widths.items():
             words = printable(self.cells[k].replace("\n", " "), "")
@@ -105,7 +105,7 @@ class LiveTable(DataTable[Text]):
                 self.scroll_to(y=scroll, animate=False)
 
     def _lay_out(self) -> None:
-        """Columns for the width there is; anew where that has changed."""
+        """Columns for the present width; recomputed when that has changed."""
         width = self.size.width or self.app.size.width
         if width == self._laid_out:
             return

@@ -79,7 +79,7 @@ class ValuesPage(InspectorPage):
 
     @property
     def remark(self) -> str:
-        """Which topic, how old, what of it nobody computes."""
+        """Topic, age, and fields that are not computed."""
         values: Values | None = self.read_once
         if self._problem or values is None:
             return f"{self._topic}: {self._problem}" if self._problem else self._topic
@@ -106,7 +106,7 @@ class ValuesPage(InspectorPage):
         return read.rows if read is not None else ()
 
     def made(self, row: ValueRow) -> TableRow:
-        """What is old is grey and has no course; names alone are searched."""
+        """Old rows are grey and have no course; only names are searched."""
         is_old = bool(self.read_once.is_old)
         shown = f"{row.value} ({row.state})" if row.state and row.value.strip("– ") else row.state or row.value
         course = sparkline(np.array(row.course, np.float64), SPARK) if row.course and not is_old else ""
@@ -114,7 +114,7 @@ class ValuesPage(InspectorPage):
                         self.palette.past if is_old or row.state else "", (), (row.key,))
 
     def about(self, row: ValueRow) -> list[str]:
-        """What the field means, and how a person writes it."""
+        """Meaning of the field, and its path as typed."""
         path = row.key if "." in row.key else f"{self.read_once.topic}.{row.key}"
         lines = [f"{path}: {row.text}" if row.text else path]
         if row.state == "not computed":
@@ -129,7 +129,7 @@ class ValuesPage(InspectorPage):
             self.choose(names[(at + by) % len(names)])
 
     def action_want(self) -> None:
-        """Have what is on demand computed for us."""
+        """Subscribe to the data computed on demand."""
         self._is_asked = True
 
     def action_open_field(self) -> None:
