@@ -58,7 +58,7 @@ def provide(name: str | UserNode, system: str | None = None, timeout: float = 5.
             commands: Mapping[str, Handler] | None = None, program: str = "") -> Provider:
     """Be the arm `name` of a _GENERIC type, or the buttons of a console, in a running system; see Provider.
 
-    If the system file declares a process by this name, that process provides it, in its `setup`.
+    A process declared by this name in the system file passes itself instead of the name, in its `setup`.
 
     `rate`: records a second, kept by `tick`. `commands`: its command handlers, by name. `program`: its name.
     TimeoutError after `timeout` s if there is no such place; Problem at once if another program has it.
