@@ -122,7 +122,7 @@ IO_GAINS = Topic(
     depth=64,
     fields=(
         Field("changes", "<u4", "", "changes by command since io started; 0: all gains are those of the PID files"),
-        # axes as in the state record; all 0 where a robot has no joint controller
+        # axes as in the state record; all 0 for a robot without a joint controller
         Field("p_gain", "(axes,)<f8", "N·m/rad|N/m", "proportional gain"),
         Field("d_gain", "(axes,)<f8", "N·m·s/rad|N·s/m", "derivative gain"),
         Field("i_gain", "(axes,)<f8", "N·m/rad|N/m", "integral gain, each cycle"),

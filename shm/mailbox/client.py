@@ -32,7 +32,7 @@ from trocar.shm.time.clock import monotonic_ns
 __all__ = ["Client", "LoopClient", "MailboxFull", "Reply", "begin"]
 
 KEPT: Final = 1000  # commands without a final reply yet
-STREAM_NS: Final = 100_000_000  # a stream that pauses so long has ended
+STREAM_NS: Final = 100_000_000  # a stream that pauses this long has ended
 Key = tuple[int, int, str]
 
 
@@ -40,7 +40,7 @@ class MailboxShare:
     """Shared by all handles of this process to one mailbox."""
 
     def __init__(self, system: str, instance: str, program: str) -> None:
-        """Attach; SegmentError when there is no such mailbox."""
+        """Attach; SegmentError if there is no such mailbox."""
         self._address = system, instance, program
         self.instance = instance
         self.place = Place(system, instance, program)
@@ -64,7 +64,7 @@ class MailboxShare:
         self.has_place = True
 
     def generation(self) -> int:
-        """How many faults the system has had; 0 where there is no page of them."""
+        """Number of faults of the system so far; 0 without a page of faults."""
         if not self._knows_faults:
             self._knows_faults = True
             with contextlib.suppress(SegmentError):
@@ -72,7 +72,7 @@ class MailboxShare:
         return self._faults.generation() if self._faults is not None else 0
 
     def send(self, handle: Client, name: str, values: Any, text: str, origin: Origin) -> int:
-        """Through our own place; MailboxFull or SegmentError when there is no room."""
+        """Send through our own place; MailboxFull or SegmentError if there is no room."""
         if not self.has_place:
             self.take_place()
         number = self.place.send(name, values, text, origin, handle.peer)
@@ -143,7 +143,7 @@ class Desks:
         self._lock = threading.RLock()
 
     def open(self, system: str, instance: str, called: str) -> MailboxShare:
-        """The desk for one more handle; SegmentError when there is no such mailbox."""
+        """The desk for one more handle; SegmentError if there is no such mailbox."""
         with self._lock:
             desk = self._desks.get(_key(_file(system, instance), system, called))
             if desk is None:
@@ -235,8 +235,8 @@ class Client:
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         """Queue a command, returns its number, not 0; KeyError: no such command.
 
-        `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8. Unless it is a stop:
-        MailboxFull when the owner does not keep up, SegmentError when others have all places.
+        `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8. Except for a stop:
+        MailboxFull if the owner does not keep up, SegmentError if all places are taken.
         """
         desk = self._desk
         try:
@@ -287,7 +287,7 @@ class Client:
         return found
 
     def forget(self) -> None:
-        """As if nothing had been sent: replies that wait, and a stream under way, are none of ours any more."""
+        """Forget all sent commands: waiting replies and a stream under way are no longer ours."""
         self.origin, self._whole, self._stream, self._streamed_ns = NOBODY, None, NOBODY, -STREAM_NS
         self.inbox = []
 
@@ -319,7 +319,7 @@ class LoopClient(Client):
             raise
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
-        """Queue a command, returns its number; 0 when there was no room, or the time for it is over."""
+        """Queue a command, returns its number; 0 without room, or after its time limit."""
         if self._is_over():
             return 0
         desk = self._desk

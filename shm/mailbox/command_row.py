@@ -24,7 +24,7 @@ class Effect(IntEnum):
     READ = 0
     """It answers."""
     SETTING = 1
-    """It changes how something behaves, or makes it safer."""
+    """It changes a behaviour, or makes it safer."""
     FREE = 2
     """It takes efforts away: an arm may go limp."""
     RELAX = 3
@@ -60,7 +60,7 @@ EVERYTHING: Final = "*.*"
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """Numbers of a command: `size` of them in [low, high], in ]low, high] where `above`; optional ones come last."""
+    """Numbers of a command: `size` of them in [low, high], in ]low, high] if `above`; optional ones are last."""
 
     name: str
     unit: str = ""
@@ -175,7 +175,7 @@ class CommandRow:
         return self.effect_for(text, values) >= FREE
 
     def about(self, text: str) -> str:
-        """The part of the instance that it is about, the first word of its text; empty: all of it."""
+        """The part of the instance concerned, the first word of its text; empty: all of it."""
         return "" if not self.text or text in self.stops else text.partition(" ")[0]
 
     @property
@@ -184,7 +184,7 @@ class CommandRow:
         return ", ".join(f"{each.takes} or none" if each.optional else each.takes for each in self.arguments)
 
     def objection(self, values: Numbers, joints: int | None = None) -> str:
-        """Why these numbers are none for it, "": they are. `joints`: of the arm; None: not known, any number fits."""
+        """Why these numbers are invalid, "": they are valid. `joints`: of the arm; None: unknown, any number fits."""
         known = self._known.get(joints)
         if known is None:
             known = self._known[joints] = self._sizes(joints), not any(each.is_bounded for each in self.arguments)
@@ -230,7 +230,7 @@ def listed(row: CommandRow) -> dict[str, Any]:
 
 
 def of_type(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
-    """Those of a mailbox's rows that an arm of this type has; "": it is no arm, all."""
+    """Rows of a mailbox that an arm of this type has; "": not an arm, all rows."""
     return [row for row in rows if not name or name in row.get("types", (name,))]
 
 
@@ -252,7 +252,7 @@ def row_of(given: Mapping[str, Any]) -> CommandRow:
 
 
 def effect_named(word: object) -> Effect | None:
-    """An effect by its name; None where that is none."""
+    """An effect by its name; None if there is no such effect."""
     return next((effect for effect in Effect if _word(effect) == word), None)
 
 

@@ -46,15 +46,15 @@ def robot_component(io: str, robot: str) -> str:
 
 
 class NoFaults:
-    """A component that has no faults of its own: every person's command counts."""
+    """A component without faults of its own: every person's command counts."""
 
     valid_from = exempt_origin = 0
 
     def fault(self) -> None:
-        """There is none."""
+        """No effect."""
 
     def switched_off(self, origin: int) -> None:
-        """Nothing is void for that."""
+        """No command becomes void."""
 
 
 def create_faults(system: str, components: Sequence[str], make: Make = create) -> int:
@@ -67,7 +67,7 @@ class Faults:
     """The page, for any reader."""
 
     def __init__(self, system: str, *, write: bool = False) -> None:
-        """Attach; SegmentError when the system has no such page."""
+        """Attach; SegmentError if the system has no such page."""
         self._segment = segment = Segment(segment_name(system, "supervisor", "faults"), write=write)
         try:
             components = segment.header.info.get("components")
@@ -85,12 +85,12 @@ class Faults:
                                                    for name in ("count", "fault", "void"))
 
     def generation(self) -> int:
-        """How many faults there were in the system."""
+        """Number of faults in the system so far."""
         words = self.words
         return sum([words[at] for at in self._counts]) & WORD  # G1
 
     def void(self, component: str) -> int:
-        """The generation before which commands to a component count for nothing; 0 where there is none of this name."""
+        """The generation before which commands to a component are void; 0 for an unknown name."""
         return self.words[self._voids[self.components.index(component)]] if component in self.components else 0
 
     def cell(self, component: str) -> tuple[int, int, int]:
@@ -109,11 +109,11 @@ class FaultCell:
     """The cell of one component, for its owner."""
 
     def __init__(self, faults: Faults, component: str) -> None:
-        """`faults` is attached with write; KeyError when it has no such component."""
+        """`faults` is attached with write; KeyError if it has no such component."""
         self._page = faults
         self._count, self._fault, self._void = faults.cell(component)
         self.valid_from: int = faults.words[self._void]
-        """Commands of an earlier generation count for nothing."""
+        """Commands of an earlier generation are void."""
         self.exempt_origin = 0
         """But those of this origin count: it has itself switched the component off."""
 
@@ -139,7 +139,7 @@ class Watched:
     exempt_origin = 0
 
     def __init__(self, faults: Faults, components: Sequence[str]) -> None:
-        """Names that are no components of ours have no faults: third-party program."""
+        """Names that are not components, such as third-party programs, have no faults."""
         self._words = faults.words
         self._places = [faults.cell(name)[1] for name in components if name in faults.components]
 

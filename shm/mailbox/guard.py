@@ -20,7 +20,7 @@ def authorizes(origin: Origin, cell: Cell) -> bool:
 
 
 def unauthorized(row: CommandRow, text: str, values: Numbers, origin: Origin, cell: Cell | None) -> str:
-    """Why it is not authorized, "": it is, or needs not be. `cell`: None where nothing needs to be."""
+    """Why it is not authorized, "": it is, or need not be. `cell`: None if no authorization is needed."""
     if cell is None or authorizes(origin, cell) or not row.needs_operator(text, values):
         return ""
     before = f" ({origin.program or 'a program'} gave its command earlier)" if origin.id else ""
@@ -28,7 +28,7 @@ def unauthorized(row: CommandRow, text: str, values: Numbers, origin: Origin, ce
 
 
 def late(row: CommandRow, text: str, values: Numbers, waited_ns: int) -> str:
-    """Why it is not carried out any more, `waited_ns` after it was sent; "": it is."""
+    """Why it is too late for execution, `waited_ns` after it was sent; "": it is in time."""
     if waited_ns <= LATE_NS or not row.expires(text, values):
         return ""
     return f"it came {waited_ns * 1e-9:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again"

@@ -198,7 +198,7 @@ class Mailbox:
 
     @property
     def has_news(self) -> bool:
-        """Whether a client has sent something since the last `drain`, or something is left of it."""
+        """Whether commands have arrived since the last `drain`, or some of them are left."""
         return bool(self._backlog) or self._sent_bytes.tobytes() != self._seen
 
     def refuse_waiting(self, reason: str) -> None:

@@ -66,7 +66,7 @@ class MailboxMap:
     """Positions of the cursors and slots of all places: cursors as word indices, slots as byte offsets."""
 
     def __init__(self, system: str, instance: str) -> None:
-        """Attach; SegmentError when there is no such mailbox, or it is not one of this program's."""
+        """Attach; SegmentError if there is no such mailbox, or it is of another program version."""
         self.instance = instance
         self.segment = Segment(segment_name(system, instance, "mailbox"), write=True)
         try:

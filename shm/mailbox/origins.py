@@ -57,12 +57,12 @@ ACTING: Final = Acting()
 
 
 def new_id() -> int:
-    """A number that no other command of a person has."""
+    """A number unique among the commands of persons."""
     return os.getpid() << 32 | next(COUNT) & 0xFFFF_FFFF
 
 
 def is_direct(origin: int, pid: int) -> bool:
-    """Whether a command with this origin was sent by the program that the person gave it with; others pass it on."""
+    """Whether this origin's program sent the command itself; other programs pass it on."""
     return pid > 0 and origin >> 32 == pid
 
 

@@ -190,7 +190,7 @@ class Place:
 
 
 def take_place(system: str, instance: str, program: str = "") -> Place:
-    """A place of one's own; SegmentError when there is no such mailbox or all places are taken."""
+    """A place of one's own; SegmentError if there is no such mailbox or all places are taken."""
     place = Place(system, instance, program)
     try:
         place.claim()

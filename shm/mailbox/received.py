@@ -82,7 +82,7 @@ class Received:
         return self._raw[TEXT_IN_RAW : TEXT_IN_RAW + MAX_TEXT].rstrip(b"\0").decode(errors="replace")
 
     def accept(self, text: str = "") -> None:
-        """It is under way; `done` or `fail` follows when it takes time."""
+        """It is under way; `done` or `fail` follows later."""
         self._box.reply(self, ACCEPTED, text)
 
     def refuse(self, reason: str) -> None:

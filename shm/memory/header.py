@@ -1,4 +1,4 @@
-"""The header of a segment: its layout, and everything that is checked before a file is believed to be one.
+"""The header of a segment: its layout, and the checks before a file is accepted as one.
 
 Header, little-endian (W: written by the supervisor at creation, C: by the claiming writer, H: by its loop):
 
@@ -80,7 +80,7 @@ def pages(size: int) -> int:
 
 
 def readable(raw: bytes) -> str:
-    """Text from a cell that may hold anything, fit for one line."""
+    """Text from a cell with any content, made fit for one line."""
     text = raw.rstrip(b"\0").decode(errors="replace")
     return text if text.isprintable() else "".join(c if c.isprintable() else "\ufffd" for c in text)
 

@@ -39,7 +39,7 @@ PLAIN_COPY = 0x4000  # no threshold of glibc is below 0x4040
 
 
 class OrderError(SegmentError):
-    """This processor may reorder our loads and stores, and nothing here can stop it."""
+    """This processor may reorder our loads and stores, and no fence is available."""
 
 
 class Words(Protocol):
@@ -76,15 +76,15 @@ def fences_wanted() -> bool:
 
 
 def ordered(words: memoryview[int], copied: int = 0) -> Words:
-    """`words` as they are where the processor keeps our order, fenced elsewhere; OrderError when that cannot be had.
+    """`words` as they are where the processor keeps our order, fenced elsewhere; OrderError if no fence is available.
 
-    `copied`: the most bytes that are copied between two accesses; above PLAIN_COPY there are fences everywhere.
+    `copied`: the maximum number of bytes copied between two accesses; above PLAIN_COPY fences are always used.
     """
     return FencedWords(words, full_fence()) if fences_wanted() or copied > PLAIN_COPY else words
 
 
 def library_fence() -> Callable[[], object]:
-    """A full fence by libatomic (C11's atomic_thread_fence); OrderError when there is no such library."""
+    """A full fence by libatomic (C11's atomic_thread_fence); OrderError without that library."""
     for name in LIBRARIES:
         try:
             fence = ctypes.CDLL(name).atomic_thread_fence

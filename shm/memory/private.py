@@ -33,24 +33,24 @@ def is_kept(system: str) -> bool:
 
 
 def segments(system: str | None = None) -> list[str]:
-    """Names of all segments of a system of ours, or of all of them."""
+    """Names of all segments of a private system, or of all of them."""
     kept = [_systems.get(system, {})] if system is not None else list(_systems.values())
     return [name for files in kept for name in files]
 
 
 def path(name: str) -> Path | None:
-    """Where a segment can be opened; None: it is none of ours."""
+    """Path for opening a segment; None: it is not private."""
     files = _files(name)
     return None if files is None or name not in files else OURS / str(files[name])
 
 
 def belongs(name: str) -> bool:
-    """Whether the segment of this name is, or would be, one of ours."""
+    """Whether the segment of this name is, or would be, private."""
     return _files(name) is not None
 
 
 def create(name: str) -> int:
-    """An empty segment; its descriptor, which is the caller's. FileExistsError when it is there already."""
+    """An empty segment; returns its descriptor, owned by the caller. FileExistsError if it exists."""
     files = _files(name)
     if files is None:
         raise KeyError(name)

@@ -49,7 +49,7 @@ class Topic:
     depth_s: float
     fields: tuple[Field, ...]
     views: tuple[View, ...] = ()
-    depth: int = 0  # slots, where a depth in seconds makes no sense
+    depth: int = 0  # slots, if a depth in seconds makes no sense
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ DTYPES: Final = {"float": "<f8", "float32": "<f4", "int": "<i8", "int32": "<i4",
 
 
 def dtype_of(word: str, shape: tuple[int, ...]) -> str:
-    """As a row of the topic table has it; of `text` the shape is its bytes. KeyError: there is no such type."""
+    """As in a row of the topic table; for `text` the shape is its bytes. KeyError: there is no such type."""
     if word == "text":
         return f"S{shape[0] if shape else 1}"
     return f"({','.join(map(str, shape))},){DTYPES[word]}" if shape else DTYPES[word]

@@ -58,7 +58,7 @@ __all__ = [
 
 
 class SegmentFull(SegmentError):
-    """Shared memory has no room for it."""
+    """Shared memory is full."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ def names_of(system: str | None = None, *, foreign: bool = False) -> list[tuple[
 
 
 def free_bytes(system: str = "") -> int:
-    """How much of a system still fits into shared memory."""
+    """Room left for a system in shared memory, bytes."""
     if private.is_kept(system):
         return ENDLESS
     status = os.statvfs(FOLDER)
@@ -116,7 +116,7 @@ def _accepted() -> frozenset[int]:
 
 
 def size_of(name: str, kind: str, schema: Schema, depth: int, info: dict[str, Any] | None = None) -> int:
-    """How many bytes `create` would take; SegmentError when a size is out of range."""
+    """Number of bytes that `create` would take; SegmentError if a size is out of range."""
     return layout(name, kind, schema, depth, text_of(info))[1]
 
 
@@ -183,7 +183,7 @@ def _give(fd: int, name: str, group: int) -> None:
 
 
 def foreign_owner(name: str) -> str:
-    """The owner of a segment in words ("user bob") when it is not accepted; empty when it is, or is not there."""
+    """The owner of a segment in words ("user bob") if it is not accepted; empty if it is, or if there is no segment."""
     uid = _owner(path_of(name))
     return "" if uid == -1 or uid in _accepted() else owners.user(uid)
 
@@ -214,7 +214,7 @@ def _reason(error: Exception) -> str:
 
 
 def unlink(name: str) -> None:
-    """Remove a segment's name; nothing when it is gone already, SegmentError when it may not be removed."""
+    """Remove a segment's name; no effect if it is already gone, SegmentError if it may not be removed."""
     if private.belongs(name):
         private.unlink(name)
         return
@@ -351,7 +351,7 @@ def _if_in(pid: int, callback: Callable[[], object]) -> None:
 
 
 def start_time(pid: int) -> int:
-    """Start time of a process in clock ticks since boot, 0 when gone; with the pid it names a process for good."""
+    """Start time of a process in clock ticks since boot, 0 if gone; with the pid a unique identifier of the process."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text()
     except OSError:

@@ -159,7 +159,7 @@ class RingWriter:
 
     @property
     def stamp_ns(self) -> int:
-        """Stamp of the record last published; 0 when nothing was."""
+        """Stamp of the record last published; 0 if there is none."""
         return int(self._stamp[1])
 
     def publish(self, stamp_ns: int) -> int:
@@ -270,14 +270,12 @@ class RingReader:
 
     @property
     def epoch(self) -> int:
-        """How often the ring was claimed; another number means another writer process."""
+        """Number of claims of the ring; another number means another writer process."""
         return int(self._words[EPOCH_WORD] >> 32)
 
     @property
     def gone(self) -> str:
-        """The writer that existed and has ended, in words; empty while one is alive (makes a system call: for
-        tools).
-        """
+        """The writer that has ended, in words; empty while one is alive (makes a system call: for tools)."""
         return self._segment.gone
 
     @property
@@ -288,7 +286,7 @@ class RingReader:
         return "; ".join(odd)
 
     def newest(self) -> bool:
-        """Copy the newest record; False when there is none, or none could be had whole (counted in `torn`)."""
+        """Copy the newest record; False if there is none, or no whole one could be read (counted in `torn`)."""
         n = self._words[HEAD]  # R1
         at, slot = self._places[n % self._depth]
         self._target[ALL] = slot  # R2

@@ -10,7 +10,7 @@ from trocar.shm.ring.ring import HEAD, LAST_SEQUENCE
 
 
 def head_of(segment: Segment) -> int:
-    """Number of the newest record of a ring, 0: none, or nothing that a writer would write there."""
+    """Number of the newest record of a ring; 0: none, or an implausible one."""
     head = int.from_bytes(segment.view[HEAD * 8 : HEAD * 8 + 8], "little")
     return head if head <= LAST_SEQUENCE else 0
 

@@ -101,7 +101,7 @@ def publish_document(system: str, text: bytes, make: Make = create) -> int:
 
 
 def document(system: str) -> bytes:
-    """The document of a system as JSON; SegmentError when there is none or it is not whole yet."""
+    """The document of a system as JSON; SegmentError if there is none or it is not complete yet."""
     with Segment(segment_name(system, "supervisor", "document")) as segment:
         attach(segment, "document", None)
         length = segment.header.schema.dtype.itemsize - 16

@@ -81,14 +81,14 @@ class Events:
             self._log(severity, f"{text}; {hint}" if hint else text)
 
     def status(self, text: str, component: str = "") -> None:
-        """Something a person may like to know."""
+        """Information for people."""
         self.emit("status", text, severity=STATUS, component=component)
 
     def report(self, code: EventCode, text: str, component: str = "", axis: int = -1, value: float = math.nan,
                limit: float = math.nan, board: int = -1, has_remedy: bool = False) -> None:
-        """A warning: something a person should know; or an error: something failed, and the robot has reacted.
+        """A warning: important for a person; or an error: a failure to which the robot has reacted.
 
-        `has_remedy`: the text names one, and that of the table has nothing to add.
+        `has_remedy`: the text contains the remedy, so that the table's is omitted.
         """
         about = self._typed if component in ("", self._name) else component
         self.emit(SEVERITIES[code.severity], text, severity=code.severity, code=code.code, component=component,

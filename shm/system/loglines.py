@@ -71,7 +71,7 @@ def begin(stream: TextIO, name: str = "") -> None:
 
 
 def into(logger: logging.Logger) -> Log:
-    """Where events are written besides their ring."""
+    """Destination of events besides their ring."""
     begun_ns = count = 0
 
     def write(severity: int, text: str) -> None:
@@ -90,7 +90,7 @@ def into(logger: logging.Logger) -> Log:
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """One message; `local` is empty and `monotonic_s` 0 where it has no stamps."""
+    """One message; `local` is empty and `monotonic_s` 0 without stamps."""
 
     text: str
     level: str = ""

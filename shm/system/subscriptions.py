@@ -59,7 +59,7 @@ class Cells:
         self.holders_at = first + SCHEMA.offset("holder")
 
     def bits(self, topic: str, group: str = "") -> int:
-        """The bits of a topic, and of a group of it; SegmentError when the instance has none such."""
+        """The bits of a topic, and of a group of it; SegmentError if the instance lacks them."""
         try:
             found = 1 << self.names.index(topic)
             return found | 1 << self.names.index(wanted_name(topic, group)) if group else found
@@ -83,7 +83,7 @@ class Subscriptions:
         self.wanted = 0
 
     def bits(self, topic: str, group: str = "") -> int:
-        """The bits in `wanted` of a topic, or of one of its groups alone; SegmentError when there is none such."""
+        """The bits in `wanted` of a topic, or of one of its groups alone; SegmentError if there is no such item."""
         both = self._cells.bits(topic, group)
         return both & ~self._cells.bits(topic) if group else both
 
@@ -131,12 +131,12 @@ class Subscriber:
         raise AllTaken(f"{instance}: all {SUBSCRIBERS} places for subscriptions are taken: {holders}; close one", taken)
 
     def want(self, topic: str, *groups: str) -> None:
-        """A topic, and groups of its fields, are wanted from now on; SegmentError when there is none such."""
+        """Subscribe to a topic and groups of its fields; SegmentError if there is no such item."""
         for group in groups or ("",):
             self._set(self._wanted | self._cells.bits(topic, group))
 
     def drop(self, topic: str, *groups: str) -> None:
-        """Groups are not wanted any more; without any, nothing of the topic is."""
+        """Unsubscribe from groups; without groups from the whole topic."""
         cells = self._cells
         whole, gone = cells.bits(topic), 0
         for group in groups:

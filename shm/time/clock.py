@@ -1,4 +1,4 @@
-"""Real clocks: nothing else in the project reads one. Simulated time, in lock-step or paced: shm/time/lockstep.py."""
+"""Real clocks: no other module reads one. Simulated time, in lock-step or paced: shm/time/lockstep.py."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class WallClock:
         return time.monotonic_ns()
 
     def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> None:
-        """Sleep until the deadline; returns at once when it has passed."""
+        """Sleep until the deadline; returns at once if it has passed."""
         left = deadline_ns - self.spin_ns - time.monotonic_ns()
         if left > 0:
             time.sleep(left * 1e-9)  # CPython sleeps with clock_nanosleep on CLOCK_MONOTONIC

@@ -85,7 +85,7 @@ class ControlPage:
     """A control page, attached read-only (tools) or read-write (the instance, and processes that wake it)."""
 
     def __init__(self, system: str, instance: str, *, write: bool = False) -> None:
-        """Attach; SegmentError when there is no such instance."""
+        """Attach; SegmentError if there is no such instance."""
         self.instance = instance
         self.segment = Segment(segment_name(system, instance, "control"), write=write)
         try:
@@ -116,7 +116,7 @@ class ControlPage:
         self._record["state"][0] = STATES.index(state)
 
     def wakeup(self) -> Wakeup:
-        """Sleeping until there is news, for the instance; waking it, for others. Needs write access."""
+        """The instance sleeps on it until there is news; others wake it. Needs write access."""
         return Wakeup(self.segment, self.segment.header.first + SCHEMA.offset("wakeup"))
 
     def close(self) -> None:

@@ -64,7 +64,7 @@ class HeldTime(Steps):
         return self.words[self._next[self.table.members.index(member)]]
 
     def close(self) -> None:
-        """Let time go."""
+        """Release time."""
         if not self._over:
             self._over = True
             self.words[self._limit] = 0

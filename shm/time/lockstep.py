@@ -48,7 +48,7 @@ MEMBERS: Final = 64
 EPOCH_NS: Final = 1_000_000_000_000  # start of simulated time: differences stay positive, and it is easy to recognise
 POLL_NS: Final = 100_000_000
 PACE_NS: Final = 1_000_000  # paced: minimum wait for real time; several steps then follow at once
-BEHIND_NS: Final = 5_000_000  # so far behind real time counts as lost: there is no sprint
+BEHIND_NS: Final = 5_000_000  # a larger delay behind real time is not made up for
 NEVER: Final = 1 << 62
 WORDS: Final = 1 << 64  # their number
 
@@ -83,7 +83,7 @@ class Table:
 
     @staticmethod
     def of_info(info: Mapping[str, Any]) -> Table:
-        """The opposite; SegmentError when it is none."""
+        """The opposite; SegmentError for invalid info."""
         try:
             members = tuple(map(str, info["members"]))
             return Table(members[:MEMBERS], str(info["server"]), tuple(map(str, info["asking"])), bool(info["paced"]))
@@ -99,7 +99,7 @@ def create_clock(system: str, table: Table, make: Make = create) -> int:
 
 
 def clock_page(system: str, *, write: bool = False) -> Segment:
-    """Attach the clock page; SegmentError when there is none."""
+    """Attach the clock page; SegmentError if there is none."""
     segment = Segment(segment_name(system, "supervisor", "clock"), write=write)
     try:
         attach(segment, "clock", SCHEMA)
@@ -129,7 +129,7 @@ class Steps:
                                                     for field in ("active", "next_ns", "finished"))
         self._rows = tuple(zip(self._active, wakeups, self._next, self._finished, strict=True))
         self._server = table.members.index(table.server) if table.server in table.members else -1
-        self._place = -1  # ours, where we are a member
+        self._place = -1  # our place, if we are a member
         self._lock = Places(segment, first + SCHEMA.offset("now_ns"), 1)
         self._fence = full_fence()
 
@@ -138,7 +138,7 @@ class Steps:
         return min(self.words[self._now], NEVER)
 
     def advance(self) -> int:
-        """Go to the next instant if all sleep until then; ns until another try is worth it, 0: others see to it,
+        """Go to the next instant if all sleep until then; returns ns until the next useful try, 0: others will do it,
         NEVER: all sleep, and it is beyond the limit.
         """
         seen: list[int] = []
@@ -217,7 +217,7 @@ class Member(Steps):
 
     def __init__(self, segment: Segment, wakeups: Sequence[Wakeup], wake_server: Callable[[], object],
                  name: str) -> None:
-        """It is awake, and due."""
+        """The member is awake and due."""
         super().__init__(segment, wakeups, wake_server)
         self._place = place = self.table.members.index(name)
         self._own, self._asks = wakeups[place], name in self.table.asking and self._server >= 0
@@ -356,7 +356,7 @@ class Timekeeper(Steps):
 
 
 def wait_for_wakeup(files: Sequence[int], wakeup: socket.socket | None, timeout_ns: int) -> list[int]:
-    """Those of `files` that can be read, waiting at most so long for one or for the wakeup, which is drained."""
+    """Those of `files` that can be read; waits at most this long for one or for the wakeup, which is drained."""
     watched = [*files, wakeup.fileno()] if wakeup is not None else files
     ready = select.select(watched, (), (), max(timeout_ns, 0) * 1e-9)[0]
     if wakeup is not None and wakeup.fileno() in ready:

@@ -31,7 +31,7 @@ class SystemTime:
 
     @property
     def simulated(self) -> bool:
-        """It is the system's own."""
+        """Whether the system has simulated time."""
         return self._page is not None
 
     @property
@@ -41,7 +41,7 @@ class SystemTime:
 
     @property
     def is_held(self) -> bool:
-        """A program holds it back, and it goes no further for now (shm/time/held_time.py)."""
+        """A program holds time, which is stopped for now (shm/time/held_time.py)."""
         return self._page is not None and 0 < self._words[self._limit] <= self.now_ns()
 
     @property
@@ -86,7 +86,7 @@ class SystemTime:
 
 
 class Patience:
-    """So long in a system's time, `slower` times as long in real time at most. A context manager."""
+    """This long in a system's time, at most `slower` times as long in real time. A context manager."""
 
     def __init__(self, system: str, seconds: float, slower: float = 10.0) -> None:
         self._time = SystemTime(system)

@@ -86,12 +86,12 @@ class Wakeup:
         return news()
 
     def begin(self) -> None:
-        """We sleep, as far as others can see; look for news before `wait`, then `end`."""
+        """Announce sleep to others; check for news before `wait`, then `end`."""
         self._futex.value = 1  # P1
         self._fence()  # P2
 
     def wait(self, timeout_ns: int) -> None:
-        """Until woken or so long."""
+        """Wait until woken, at most this long."""
         self._futex.wait(1, timeout_ns)
 
     def end(self) -> None:
@@ -109,7 +109,7 @@ class Wakeup:
         self.wake_after_fence()
 
     def wake_after_fence(self) -> bool:
-        """`wake` without its fence, where there is one already; returns whether it slept."""
+        """`wake` without its fence, if the caller has made one; returns whether the process slept."""
         if not self._futex.value:  # Q3
             return False
         self._futex.value = 0  # Q4
