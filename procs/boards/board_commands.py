@@ -21,7 +21,7 @@ Order = Callable[[str, list[float]], None]
 
 
 class BoardCommands:
-    """Carries out commands at once."""
+    """Executes commands at once."""
 
     def __init__(self, board_faults: BoardFaults, instruments: EmulatedInstruments, hands: Hands,
                  packet_faults: PacketFaults) -> None:

@@ -9,7 +9,7 @@ from trocar.procs.boards.controllers.bus import EmulatedBus
 from trocar.procs.boards.emulation import Emulation, SensorErrors
 from trocar.procs.boards.robots.plant import Plant
 
-MAX_EFFORT = 100.0  # N·m or N on a joint: no person pushes harder, and the physics stays calm
+MAX_EFFORT = 100.0  # N·m or N on a joint: above a person's push, and still stable for the physics
 MAX_FACTOR = 10.0
 MAX_POSITION = 10.0  # rad or m
 HOTTEST = 127.5  # °C; temperatures are eight bits of 0.5 °C
@@ -82,12 +82,12 @@ class BoardFaults:
         bus.encoders.jump(self._wiring.width * row + place, counts)
 
     def shift_current(self, robot: str, axis: int, amperes: float) -> None:
-        """Make the measured current of an actuator wrong by so much; 0 puts it right."""
+        """Add this error to the measured current of an actuator; 0 restores it."""
         self._look_for(self._wiring.measured.scale, robot, axis, "motor current")
         self._errors().current[self._slot(robot, axis)] = amperes
 
     def drift(self, robot: str, axis: int, volts_per_s: float, volts: float | None = None) -> None:
-        """Let a potentiometer drift from now on, from where it is or from an error of `volts`; 0, 0 puts it right."""
+        """Let a potentiometer drift from now on, from its present value or an error of `volts`; 0, 0 restores it."""
         self._look_for(self._wiring.pot_volts.scale, robot, axis, "potentiometer")
         errors, slot = self._errors(), self._slot(robot, axis)
         errors.pot_drift[slot] = volts_per_s * self._plant.period_s
@@ -111,7 +111,7 @@ class BoardFaults:
         self._world.swap_motors(self._axis(robot, one), self._axis(robot, other))
 
     def jam(self, robot: str, axis: int, jammed: bool) -> None:
-        """An axis is stuck, or the brake on it is; or neither any more."""
+        """Block an axis, or the brake on it, or release both."""
         self._axis(robot, axis)
         self._plant.jam(robot, axis, jammed)
 
@@ -152,7 +152,7 @@ class BoardFaults:
         on.firmware.set_temperatures(local, round(2 * first) << 8 | round(2 * second))
 
     def buses(self, name: str) -> range:
-        """Number of the bus of an io; all of them when it is not named."""
+        """Number of the bus of an io; default: all of them."""
         if not name:
             return range(len(self._names))
         if name not in self._names:

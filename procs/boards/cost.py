@@ -53,7 +53,7 @@ class AskingHost:
     """The other side of the first bus, which is not timed: it holds the robots by their gains on a path."""
 
     def __init__(self, document: SystemConfig, world: Emulation) -> None:
-        """Everything that does not change from cycle to cycle."""
+        """Prepares all data that is constant from cycle to cycle."""
         if document.emulation is None:
             raise ValueError(f"{document.name}: no emulated boards in this system")
         bus = document.emulation.buses[0]
@@ -101,7 +101,7 @@ class AskingHost:
                 (at_ns + WRITE_NS, self._write(at_ns))]
 
     def path(self, at_ns: int) -> Floats:
-        """Where the actuators should be."""
+        """Desired positions of the actuators."""
         path: Floats = self._middle + self._swing * math.sin(2 * math.pi * SWING_HZ * at_ns * 1e-9)
         return path
 
@@ -157,7 +157,7 @@ class BoardsBench:
         self._server.close()
 
     def turn(self, seconds: float) -> dict[str, dict[str, int]]:
-        """Blocks of all kinds of window in turn for so long; percentiles of everything measured, ns a cycle."""
+        """Alternate blocks of all kinds of window for this long; percentiles of all measurements, ns a cycle."""
         times: dict[str, list[int]] = defaultdict(list)
         end = monotonic_ns() + round(seconds * 1e9)
         while not times or monotonic_ns() < end:
@@ -193,7 +193,7 @@ class BoardsBench:
         return {"whole": thread_time_ns() - begin}
 
     def paused(self, sent: Sent) -> dict[str, int]:
-        """The same after a pause as long as the window: as in real time, others have had the caches meanwhile."""
+        """The same after a pause as long as the window: as in real time, other processes have used the caches."""
         pause(WINDOW_NS * 1e-9)
         return {"paused": self.whole(sent)["whole"]}
 

@@ -57,7 +57,7 @@ class World(Protocol):
         """One period under motor currents, A."""
 
     def brake(self, robot: str, actuators: npt.NDArray[np.bool_], engaged: bool) -> None:
-        """Hold or let go of some actuators of a robot, from the next step on."""
+        """Engage or release the brakes of some actuators of a robot, from the next step on."""
 
 
 def ticks_of(ns: int) -> int:
@@ -201,7 +201,7 @@ class Emulation:
         self.now[...] = self._end
 
     def swap_motors(self, one: int, other: int) -> None:
-        """Exchange the plugs of two motors: each gets the current that is meant for the other."""
+        """Exchange the plugs of two motors: each gets the other's current."""
         self.motor_of[[one, other]] = self.motor_of[[other, one]]
 
     def seed(self, seed: int) -> None:
@@ -229,7 +229,7 @@ class Emulation:
         return self.buses[bus].board_at(address)
 
     def advance(self, now_ns: int) -> None:
-        """Let all time up to `now_ns` pass."""
+        """Advance time to `now_ns`."""
         self._until(ticks_of(now_ns - self.epoch_ns))
 
     def _until(self, tick: int) -> None:

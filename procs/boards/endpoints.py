@@ -54,7 +54,7 @@ Arrival = tuple[int, int, int, Sender, int, bytes]
 
 @dataclass(slots=True)
 class Door:
-    """A socket of a bus, and for which of its boards it is."""
+    """A socket of a bus, and the board that it serves."""
 
     sock: socket.socket | FrameSocket
     bus: int
@@ -124,7 +124,7 @@ class Endpoints:
         _join(group, bus.address)
 
     def serve(self, timeout_ns: int) -> bool:
-        """Wait at most so long for datagrams; answer one of every socket that has one, in the order they arrived.
+        """Wait at most this long for datagrams; answer one of every socket that has one, in the order of arrival.
 
         Returns whether there was any.
         """

@@ -23,7 +23,7 @@ class FrameSocket:
     """All boards of a bus at one network interface. `to` is for which of them the newest frame was."""
 
     def __init__(self, interface: str, boards: Iterable[int], hub: int, *, by_board: bool) -> None:
-        """OSError when there is no such interface, or it may not be used. `by_board`: every board is plugged in."""
+        """OSError if there is no such interface, or it may not be used. `by_board`: every board is plugged in."""
         self._boards = frozenset(boards) if by_board else frozenset((hub,))
         self._by_board, self._hub = by_board, hub
         self.to = GROUP

@@ -42,7 +42,7 @@ class PacketFaults:
     """For all buses. While `active` is False no calls are needed."""
 
     def __init__(self, buses: int, seed: int = 1) -> None:
-        """All goes well."""
+        """No faults."""
         self.active = False
         self.next_ns = NEVER  # when a late reply is due
         self._kinds = [{kind: PacketFault() for kind in KINDS} for _ in range(buses)]
@@ -100,9 +100,9 @@ class PacketFaults:
 
     def strike(self, kind: str, buses: range, *, count: int | None = None, rate: float | None = None,
                delay_ns: int = 0) -> None:
-        """Let it happen on each of these buses to the next `count` replies, or to each with probability `rate`.
+        """Apply the fault on each of these buses to the next `count` replies, or to each with probability `rate`.
 
-        The rate holds until changed; None: count or rate stay as they are, as does a delay of 0.
+        The rate holds until changed; None leaves count or rate unchanged, as does a delay of 0.
         """
         for bus in buses:
             fault = self._kinds[bus][kind]

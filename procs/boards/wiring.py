@@ -138,7 +138,7 @@ class Wiring:
         return np.array(levels, dtype=np.uint32)
 
     def count_of(self, robot: str) -> int:
-        """How many actuators a robot has."""
+        """Number of a robot's actuators."""
         cut = self.robots[robot]
         return int(cut.stop - cut.start)
 

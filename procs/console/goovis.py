@@ -27,7 +27,7 @@ def find(sensor: HidSensor, devices: Path = DEVICES, nodes: Path = NODES) -> Pat
 
 
 class Goovis:
-    """Opened when it is there, looked for every second while it is not."""
+    """Opened when plugged in; checked every second while it is not."""
 
     def __init__(self, sensor: HidSensor, emit: Callable[[str], None],
                  search: Callable[[HidSensor], Path | None] = find) -> None:

@@ -25,7 +25,7 @@ class InputLine:
         self._input, self._age = record.field("input"), record.field("age_ns")
 
     def pressed(self, now_ns: int) -> bool | None:
-        """Its debounced value; None: nothing fresh is known."""
+        """Its debounced value; None: no current value is known."""
         self._record.look(now_ns)
         return bool(self._input[self._index]) if self._record.sampled(int(self._age)) else None
 

@@ -47,10 +47,10 @@ class Logic:
         self.fallen: set[str] = set()  # they stopped by themselves; requested again when a person acts
         self.operator = self.clutch = self.camera = self.wanted = False
         self.origin: Origin = NOBODY
-        """The person's command by which teleoperation is wanted."""
+        """The person's command that enabled teleoperation."""
         self._again_ns = dict.fromkeys(self._by_name, 0)
         self._unreported: dict[str, float] = {}  # clutch states that could not be delivered yet
-        self._awaiting = ""  # to be selected as soon as other consoles have let go
+        self._awaiting = ""  # to be selected as soon as other consoles have released its arms
 
     # -- events --------------------------------------------------------------------------------------------------------
 
@@ -80,7 +80,7 @@ class Logic:
             self._desk.beep(duration_s, frequency_hz)
 
     def lose_operator(self, why: str) -> None:
-        """Nothing shows the operator any more."""
+        """No input detects the operator any more."""
         if self.operator:
             self._desk.status(f"{self.name}: {why}; the operator counts as absent")
             self.press(OPERATOR, RELEASED)
@@ -110,9 +110,7 @@ class Logic:
         self._desk.emit("scale", component=self.name, value=scale)
 
     def select(self, teleop: str) -> bool:
-        """Select it and unselect those that share an arm, elsewhere too; true: done, false: others must release
-        first.
-        """
+        """Select it and unselect those that share an arm, elsewhere too; true: done, false: others must release it."""
         member = self._by_name[teleop]
         for other in conflicts(member, self._members):
             if other.name in self.selected:
@@ -133,7 +131,7 @@ class Logic:
         return True
 
     def unselect(self, teleop: str) -> None:
-        """Unselect it; it is stopped."""
+        """Unselect it, which stops it."""
         self._awaiting = "" if self._awaiting == teleop else self._awaiting
         if teleop in self.selected:
             self.selected.discard(teleop)

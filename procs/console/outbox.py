@@ -1,4 +1,4 @@
-"""Whom a console talks to: teleoperations, other consoles and the system by mailbox, people by events."""
+"""Receivers of a console's messages: teleoperations, other consoles and the system by mailbox, people by events."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ class Mailboxes:
         self._node.events.emit("button", NAMES[kind], code=NAMES[kind], component=name, value=PAYLOADS[kind])
 
     def status(self, text: str) -> None:
-        """Something a person may like to know."""
+        """Information for people."""
         self._node.events.status(text, self._node.name)
 
     def report(self, code: Code, text: str) -> None:
-        """Something a person should know."""
+        """A warning for people."""
         self._node.events.report(code, text, self._node.name)
 
     def beep(self, duration_s: float, frequency_hz: float) -> None:

@@ -27,7 +27,7 @@ class ConsoleRecord:
         field("kind")[...] = [member.kind.encode() for member in logic.mine]
 
     def fill(self, inputs: Inputs) -> None:
-        """How things are now."""
+        """Write the current state."""
         logic, fields = self._logic, self._fields
         for name, value in (("valid", inputs.valid), ("operator_present", logic.operator), ("clutch", logic.clutch),
                             ("camera", logic.camera), ("teleop_enabled", logic.wanted), ("scale", logic.scale),

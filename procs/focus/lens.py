@@ -30,7 +30,7 @@ class Lens:
         self._written_ns = [-AGAIN_NS, -AGAIN_NS]
 
     def lock(self, on: bool) -> None:
-        """Locked: it stops, and nothing moves it."""
+        """Locked: it stops, and cannot be moved."""
         if on is self.locked:
             return
         self.locked = on

@@ -24,7 +24,7 @@ class FoxgloveLoop(UserNode):
     _server: TopicServer | None = None
 
     def setup(self) -> None:
-        """Offer all topics; LastingError where the package is missing, RuntimeError where the address is taken."""
+        """Offer all topics; LastingError if the package is missing, RuntimeError if the address is taken."""
         row = self.own.document.foxglove
         if row is None:
             raise ValueError(f"{self.system} has no Foxglove server")
@@ -41,7 +41,7 @@ class FoxgloveLoop(UserNode):
             self._server.step(self.time.now_ns())
 
     def quit(self) -> None:
-        """Disconnect everybody."""
+        """Disconnect all clients."""
         if self._server is not None:
             self._server.close()
 

@@ -95,5 +95,5 @@ class TopicServer:
         self._scene.look(now_ns)
 
     def close(self) -> None:
-        """Disconnect everybody."""
+        """Disconnect all clients."""
         self._server.stop()

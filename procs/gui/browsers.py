@@ -58,13 +58,13 @@ class ConsoleService:
     run: str
     """A name of this run of the server: pages of an earlier run reload."""
     generation: Callable[[], int]
-    """How many faults the system has had."""
+    """Number of faults of the system so far."""
     ticks: Ticks = field(default_factory=Ticks)
     control: BrowserControl = field(default_factory=BrowserControl)
     counts: ClientCounts = field(default_factory=ClientCounts)
 
     def calls(self) -> Calls:
-        """Ways to all owners, for a person's commands."""
+        """Access to all owners, for a person's commands."""
         made = Calls(self.system, self.owners, PERSON, self.is_over)
         made.program = "gui"
         return made
@@ -249,7 +249,7 @@ class Browser:
 
 
 class Browsers:
-    """All of them."""
+    """All connected browsers."""
 
     def __init__(self, served: ConsoleService) -> None:
         self.served = served
@@ -263,7 +263,7 @@ class Browsers:
         return browser
 
     def leave(self, browser: Browser) -> None:
-        """A page has gone."""
+        """A page has left."""
         self.all.discard(browser)
         browser.gone()
 
@@ -287,6 +287,6 @@ class Browsers:
             browser.forget(why)
 
     def close(self) -> None:
-        """The console ends: nothing stays held down."""
+        """The console ends: release all held buttons."""
         self._held.end()
         self._held.close()

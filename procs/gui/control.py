@@ -53,7 +53,7 @@ class BrowserControl:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """One of them; `generation`: how many faults there were, see shm/mailbox/generations.py."""
+    """A tick; `generation`: number of faults at that time, see shm/mailbox/generations.py."""
 
     sent_ns: int
     generation: int
@@ -67,7 +67,7 @@ class Ticks:
         self._sent: dict[int, Tick] = {}
 
     def add(self, now_ns: int, generation: int) -> int:
-        """One more goes out; its number."""
+        """A new tick is sent; returns its number."""
         self.number += 1
         self._sent[self.number] = Tick(now_ns, generation)
         self._sent.pop(self.number - KEPT, None)

@@ -105,7 +105,7 @@ class Gate:
             secure = "; Secure" if scope.get("scheme") == "https" else ""
             cookie = f"{COOKIE}={self._cookie}; HttpOnly; SameSite=Strict; Path=/{secure}"
             to = "/" if scope["path"] == "/token" else scope["path"]
-            # A page instead of a redirection: cookies of that kind are not sent where a link from elsewhere led here.
+            # A page instead of a redirection: such cookies are not sent if a link from elsewhere led here.
             text = f'<!doctype html><meta http-equiv="refresh" content="0;url={_path(to)}">'
             await _answer(scope, send, 200, text, [(b"set-cookie", cookie.encode())], b"text/html")
             return
@@ -127,7 +127,7 @@ class Gate:
 
 
 def refusal(headers: dict[str, str], scope: Scope, is_here: bool) -> str:
-    """Why a request is not for us, or not from our own page; empty: it is."""
+    """Why a request is not meant for us, or not from our own page; empty: it is acceptable."""
     host, origin = headers.get("host", ""), headers.get("origin")
     name = _name(headers)
     if is_here and not _is_loopback(name):  # a foreign name that resolves to us would make its page count as ours
@@ -135,7 +135,7 @@ def refusal(headers: dict[str, str], scope: Scope, is_here: bool) -> str:
     if origin is not None and origin.partition("://")[2] != host:
         return "that page is not from here"
     if headers.get("sec-fetch-site") in ("cross-site", "same-site") and not _opens_page(headers, scope):
-        return "that page is not from here"  # pictures and scripts of others: browsers send no origin with those
+        return "that page is not from here"  # pictures and scripts of other sites: browsers send no origin with those
     if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD") and origin is None:
         return "that is from no page"
     return ""

@@ -15,7 +15,7 @@ from trocar.shm.system.loglines import parsed
 
 LOOK_NS: Final = 250_000_000
 BYTES: Final = 1 << 16
-"""Of its end, so much is read."""
+"""Number of bytes read from its end."""
 LINES: Final = 200
 LETTERS: Final = 1000
 """Of one line."""
@@ -57,7 +57,7 @@ class LogSource:
                 self._shown = {"age": 0.0, "rows": [(row.local[11:23], row.level, row.text) for row in rows]}
 
     def close(self) -> None:
-        """Nothing stays open."""
+        """No open files."""
 
 
 def log_of(document: SystemConfig, name: str) -> Maker:

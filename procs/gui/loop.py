@@ -62,7 +62,7 @@ class GuiLoop(ServingLoop):
                 "lost": counts.lost, "commands": counts.commands, "refused": counts.refused}
 
     def close(self) -> None:
-        """Disconnect everybody."""
+        """Disconnect all browsers."""
         self.events.run_until_complete(self._server.close())
         self._browsers.close()
         self._sources.close()

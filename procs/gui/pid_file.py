@@ -26,7 +26,7 @@ class PidFiles:
         self._system, self._one, self._asked = system, asyncio.Lock(), 0
 
     async def file(self, robot: IoRobot) -> Response:
-        """The file of a robot, or why there is none."""
+        """The file of a robot, or the reason why there is none."""
         if self._asked >= WAITING:
             return Response(f"{WAITING} files are being made: try again in a while", 503, media_type="text/plain")
         self._asked += 1

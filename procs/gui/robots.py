@@ -81,7 +81,7 @@ def robots_of(document: SystemConfig) -> list[IoRobot]:
 
 
 def with_actuators(robots: list[IoRobot]) -> list[IoRobot]:
-    """Those that have any: others only have inputs or outputs."""
+    """Those with actuators: others have inputs or outputs only."""
     return [robot for robot in robots if robot.robot.actuators]
 
 
@@ -91,7 +91,7 @@ def with_gains(robots: list[IoRobot]) -> list[IoRobot]:
 
 
 def slides(robot: Robot, pid: PidConfig | None) -> list[bool]:
-    """Which actuators slide; the joint controller knows it where the IO file does not."""
+    """Which actuators are prismatic; from the joint controller if the IO file does not tell."""
     kinds = [actuator.joint_type for actuator in robot.actuators]
     axes: tuple[PidAxis, ...] = pid.axes if pid else ()
     for i, axis in enumerate(axes[: len(kinds)]):

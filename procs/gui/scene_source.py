@@ -27,7 +27,7 @@ NEAR: Final = 0.03
 """Fraction of its range to which a joint may approach a limit without notice."""
 SLACK: Final = 1e-6
 DAMPING: Final = 1e-5
-"""Where a chain is singular its joints do not race."""
+"""Limits joint velocities where a chain is singular."""
 
 
 class SceneArm:
@@ -172,7 +172,7 @@ def frames_of(kinematics: Kinematics, q: Array, base: Array, carried: Array | No
 
 
 def slowed(velocity: Array, most: Sequence[float]) -> Array:
-    """Joint velocities (n,) in the same direction, of which none is beyond `most`; joints without one have the last."""
+    """Joint velocities (n,) in the same direction, none beyond `most`; joints without an entry use the last one."""
     n = len(velocity)
     bounds = np.pad(np.array(most[:n]), (0, max(0, n - len(most))), mode="edge")
     return velocity / max(1.0, float(np.abs(velocity / bounds).max(initial=0.0)))
@@ -228,7 +228,7 @@ class ArmModels:
         self._arms: dict[str, SceneArm] = {}
 
     def arm(self, name: str) -> SceneArm:
-        """The arm as it is now; ValueError when there is none such."""
+        """The arm in its current state; ValueError if there is none."""
         if name not in self._arms:
             arm = next((row for row in self._document.arms if row.name == name), None)
             if arm is None:

@@ -73,7 +73,7 @@ class WebServer:
             self._browsers.leave(browser)
 
     async def close(self) -> None:
-        """Disconnect everybody."""
+        """Disconnect all browsers."""
         self._server.should_exit = True
         if self._task is not None:
             with suppress(Exception):

@@ -27,7 +27,7 @@ OPENED: Final = 2
 
 
 class Source(Protocol):
-    """Something that pages show; it is open while one does."""
+    """Data that pages show; open while a page does."""
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """Its current value; `age` is that of its data, s."""
@@ -37,7 +37,7 @@ class Source(Protocol):
 
 
 class WantedRing:
-    """A ring that is read, and wanted as long as it is open."""
+    """A ring that is read, with a subscription while it is open."""
 
     def __init__(self, system: str, instance: str, ring: str, *groups: str) -> None:
         """Attach, and subscribe with these groups of fields; SegmentError if it cannot be read."""
@@ -184,12 +184,12 @@ class Sources:
 
     @property
     def are_made(self) -> int:
-        """Of families: how many are known."""
+        """Number of known sources of families."""
         return len(self._made)
 
     @property
     def are_open(self) -> int:
-        """How many are."""
+        """Number of open sources of families."""
         return len(self._open)
 
     def close(self) -> None:

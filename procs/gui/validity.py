@@ -17,7 +17,7 @@ from trocar.shm.system.directory import topic_of
 from trocar.shm.topics import IO_STATE
 
 ALONE: Final = -1
-"""The place in a flag that is no list."""
+"""Index for a flag that is not a list."""
 ALWAYS: Final = ("", ALONE)
 FROM_BOARDS: Final = frozenset({"powered", "amps_on", "watchdog", "power_fault", "relay", "brakes_released",
                                 "board_period"})

@@ -36,7 +36,7 @@ GAP_NS: Final = 100_000_000
 STANDS_S: Final = 10.0
 """Maximum time for which a system's time may be stopped."""
 MOVE_S: Final = 12.0
-"""A move at full speed takes less, one at a tenth of it less than ten times as much."""
+"""A move at full speed takes less; at a tenth of it, less than ten times as much."""
 POLL_S: Final = 0.01
 SHOWN, SHOWN_S = 50, 0.1
 """Number of looks at a record until it shows a change, and their interval while the system's time is stopped."""
@@ -73,7 +73,7 @@ class AttachedRobot(RobotBackend):
     def __init__(self, where: RunningSystem, kind: str, arms: Sequence[str], jaws: Sequence[float]) -> None:
         """`kind`: the type of all arms; `arms`: unless others are named; `jaws`: of the starts.
 
-        RobotStopped where an arm is not powered and homed, Problem where there is none, ValueError: it is another kind.
+        RobotStopped if an arm is not powered and homed, Problem if there is none, ValueError: it is of another kind.
         """
         self._system, self._ratio = chosen_system(where.system or os.environ.get("TROCAR_SYSTEM")), where.reset_ratio
         self._stopped = ""
@@ -200,9 +200,7 @@ class AttachedRobot(RobotBackend):
                 self._give_back(number, before, pace)
 
     def _give_back(self, number: int, before: Pair, pace: Pair) -> None:
-        """Restore earlier ratios unless changed since; wait, as the next reset takes the current ones for a
-        person's.
-        """
+        """Restore earlier ratios unless changed since; wait, as the next reset takes current ones for a person's."""
         link, asked = self.links[number], 0
 
         def is_back() -> bool:
@@ -308,7 +306,7 @@ class AttachedRobot(RobotBackend):
                 link.send("hold")
 
     def close(self) -> None:
-        """See RobotBackend: the arms hold, unless others may have them already."""
+        """See RobotBackend: the arms hold, unless others may already command them."""
         if not self._stopped and self._due_ns is not None and self._gap_ns() - self._due_ns < GAP_NS:
             self._hold()
         self._stopped = self._stopped or "this environment is closed"

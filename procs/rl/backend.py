@@ -47,14 +47,14 @@ class RobotBackend(Protocol):
         """
 
     def heads_for(self, number: int, joints: Array, jaw: float) -> None:
-        """An arm is going to be brought to joints (count,) and a jaw: where else its setpoint goes is not our doing."""
+        """An arm will be moved to joints (count,) and a jaw: other motion of its setpoint is not ours."""
         return
 
     def wait_until(self, deadline_ns: int) -> None:
         """Wait for this time of the system; RobotStopped if it comes too late to continue."""
 
     def keeps_pace(self, period_ns: int) -> None:
-        """Setpoints are sent now, the next ones a period later; RobotStopped where nothing may be sent."""
+        """Setpoints are sent now, the next ones a period later; RobotStopped if none may be sent."""
         return
 
     def check(self) -> None:
@@ -66,4 +66,4 @@ class RobotBackend(Protocol):
         return
 
     def close(self) -> None:
-        """The end of it; harmless when it is closed."""
+        """Close it; no effect if it is closed."""

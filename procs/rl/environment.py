@@ -32,7 +32,7 @@ FURTHEST, QUICKEST = 10.0, 100.0
 """Bounds of the observations: m and rad, m/s and rad/s."""
 NS: Final = 1_000_000_000
 REFUSED_NS: Final = 100_000_000
-"""An arm that follows nothing for so long is not ours; shorter, its base trembles."""
+"""An arm that does not follow for this long is not ours; a shorter time means a trembling base."""
 MAX_PIXELS: Final = 4096
 OPTIONS: Final = ("start", "goal")
 """Of reset."""
@@ -52,7 +52,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     """Numbers of a goal."""
     FLOOR_M: ClassVar[float] = 0.05
     VIEW_M: ClassVar[float] = 0.12
-    """Pictures show so much below and above where the tips are at the centre of the starts; below is the floor."""
+    """Pictures show this much below and above the tips at the centre of the starts; the floor is below."""
     EXTRA: ClassVar[tuple[str, ...]] = ()
     """The task's additions to the observation."""
     IS_GIVEN: ClassVar[bool] = True
@@ -106,7 +106,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
             "observation": _bounded(self._most), "achieved_goal": _bounded(goals), "desired_goal": _bounded(goals)})
         self._seen = [np.zeros(2 * model.count + 1 + 7) for model in models]
         self.tips = np.zeros((len(models), 3))
-        """Where the tips were seen last, m; with noise, where there is some."""
+        """Last observed tip positions, m; with noise, if any."""
         self.steps, self._grid_ns, self._fault = 0, 0, ""
         self.goal = np.zeros(self.GOAL)
         self._has_begun = self._is_closed = False
@@ -275,7 +275,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         return np.where(distance < self.tolerance_m, 0.0, -1.0)[()] if self._is_sparse else -distance
 
     def distance(self, achieved_goal: Array, desired_goal: Array) -> Array:
-        """How far goals (..., GOAL) are from each other (...), m."""
+        """Distance between goals (..., GOAL): (...), m."""
         return np.asarray(np.linalg.norm(np.asarray(achieved_goal) - np.asarray(desired_goal), axis=-1))
 
     # the task
@@ -327,7 +327,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         return []
 
     def close(self) -> None:
-        """The end of it; attached, the arms hold."""
+        """Close it; attached, the arms hold."""
         if self._picture is not None:
             self._picture.close()
             self._picture = None

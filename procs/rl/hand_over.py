@@ -20,13 +20,13 @@ from trocar.procs.rl.tasks import in_ball
 
 FIRST, SECOND = 0, 1
 OPEN_RAD, CLOSED_RAD = 0.35, 0.15
-"""Jaws wider than this have let go, narrower than that they hold."""
+"""Jaws wider than the first have released the peg, jaws narrower than the second hold it."""
 BETWEEN_M: Final = 0.006
 """From a tip, which is the hinge of its jaws, to the held object."""
 CLOSE_M: Final = 0.006
-"""The peg's middle may be so far from there when jaws take it."""
+"""Maximum distance of the peg's middle from there when jaws take it."""
 HAND_M: Final = 0.1
-"""Goals are so far from each other where one has the peg in the second arm's jaws alone, the other has not."""
+"""Distance between a goal with the peg in the second arm's jaws alone and one without."""
 NEAR_M: Final = 0.025
 PEG_M: Final = (0.0022, 0.009)
 """Radius and half length."""
@@ -34,7 +34,7 @@ PEG_COLOUR: Final = (0.93, 0.62, 0.12, 1.0)
 
 
 class Peg:
-    """Where it is (4, 4), and which arms hold it, in the order in which they took it."""
+    """Its pose (4, 4), and the arms that hold it, in the order in which they took it."""
 
     def __init__(self, arms: int, table_m: float) -> None:
         """`table_m`: height of the table."""
@@ -118,7 +118,7 @@ class PsmHandOver(RobotEnv):
         return np.array((*self._seen_peg, *(float(arm in self.peg.holders) for arm in (FIRST, SECOND))))
 
     def distance(self, achieved_goal: Array, desired_goal: Array) -> Array:
-        """Between places, and HAND_M more where the one is in the second arm's jaws and the other is not."""
+        """Between positions, plus HAND_M if only one of them has the peg in the second arm's jaws."""
         difference = np.asarray(achieved_goal) - np.asarray(desired_goal)
         return np.asarray(np.linalg.norm(difference[..., :3], axis=-1) + HAND_M * np.abs(difference[..., 3]))
 

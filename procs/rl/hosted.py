@@ -34,9 +34,9 @@ _numbers: Final = itertools.count()
 
 
 def document(file: str, backend: str, period_s: float, physics_s: float) -> SystemConfig:
-    """A system file of ours in simulated time, under a name that nothing else in this process has.
+    """A system file of ours in simulated time, under a unique name in this process.
 
-    ValueError for periods that it cannot have.
+    ValueError for invalid periods.
     """
     if not FINEST_S <= period_s <= COARSEST_S:
         raise ValueError(f"period_s is {period_s:g} s; allowed: {FINEST_S:g} to {COARSEST_S:g} s")

@@ -30,7 +30,7 @@ class ArmLink:
         self._ratio = reader.field("trajectory_ratio_v"), reader.field("trajectory_ratio_a")
         self.stamp_ns = 0
         self.refusal = ""
-        """Why a command of ours was refused since `forget`; empty: none was."""
+        """Why a command of ours was refused since `forget`; empty: none was refused."""
         self.refusals = 0
         """Number of consecutive refusals received."""
 
@@ -124,7 +124,7 @@ class ArmLink:
         self.refusal = ""
 
     def hear(self, number: int = 0) -> str:
-        """Take answers in; the outcome of command `number`, where it has ended, else empty."""
+        """Read answers; returns the outcome of command `number`, if it has ended, else empty."""
         ended, was_refused = "", False
         for reply in self._client.poll():
             if reply.outcome in REFUSED:

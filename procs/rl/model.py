@@ -14,11 +14,11 @@ from trocar.procs.kinematics.poses import Array
 from trocar.procs.tables.arm_types import ARM_TYPES
 
 ROOM_M: Final = 0.05
-"""The goal of a tip stays so near to where the tip is at the centre: no policy leads it further."""
+"""Maximum distance of a tip's goal from the tip at the centre: no policy leads it further."""
 STARTS: Final = 8
 """Start poses of episodes; the first is the centre."""
 SPREAD: Final = (0.15, 0.15, 0.015, 0.3)
-"""How far from the centre they are at most: yaw, pitch (rad), insertion (m), every further joint (rad)."""
+"""Maximum distances of the starts from the centre: yaw, pitch (rad), insertion (m), every further joint (rad)."""
 INSERTION: Final = 2
 SEED: Final = 23  # of the starts, which are the same in every environment
 
@@ -56,11 +56,11 @@ class ArmModel:
         self.centre = np.zeros(self.count)
         self.centre[: min(self.count, len(home))] = home[: self.count]
         self.middle: Array = self.tip(self.centre)[:3, 3].copy()
-        """Where the tip is at the centre (3,), m."""
+        """Position of the tip at the centre (3,), m."""
         self.jaw = jaw
 
     def vector(self, at: Array, jaw: float) -> Array:
-        """Joints (count,) and the jaw, where there is one, in one vector."""
+        """Joints (count,) and the jaw, if there is one, in one vector."""
         return np.append(at, jaw) if self.has_jaw else np.array(at)
 
     def tip(self, at: Array) -> Array:

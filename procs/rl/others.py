@@ -19,13 +19,13 @@ from trocar.shm.ring.ring import RingReader
 
 ROWS: Final = {row.name: row for row in COMMANDS["arm"]}
 BASE: Final = "set_base_frame"
-"""Where the base is, is seen in the arm's state."""
+"""The position of the base is in the arm's state."""
 LAG_NS: Final = 100_000_000
-"""A goal may be gone to for so long after the next one is known: records and commands take their time."""
+"""The arm may go to a goal for this long after the next one is known: records and commands have delays."""
 NEAR: Final = {"rad": 0.005, "m": 0.001}
-"""So far a setpoint may be from the way where the arm rests: a base on setup joints trembles."""
+"""Maximum distance of a setpoint from its way at rest: a base on setup joints trembles."""
 BENT: Final = 0.2
-"""So much of the longest way of a joint more where it moves: the tip's straight way is a bent one for joints."""
+"""Additional distance in motion, relative to the longest way of a joint: a straight tip path is curved for joints."""
 
 
 class OtherCommands:
@@ -74,7 +74,7 @@ class Way:
         return bool(self._goals)
 
     def forget(self) -> None:
-        """It goes otherwise from now on."""
+        """From now on it moves on another way."""
         self._goals.clear()
 
     def begin(self, here: Array) -> None:
@@ -82,13 +82,13 @@ class Way:
         self._goals = deque([(0, here)])
 
     def add(self, goal: Array, now_ns: int) -> None:
-        """It goes to `goal` (size,) from now on."""
+        """From now on it moves to `goal` (size,)."""
         self._goals.append((now_ns, goal))
         while len(self._goals) > 2 and self._goals[2][0] < now_ns - LAG_NS:
             self._goals.popleft()
 
     def objection(self, at: Array) -> str:
-        """Which joint of a setpoint (size,) is not on the way, and how far from it; empty: all are."""
+        """The joint of a setpoint (size,) that is off the way, and its distance; empty: all are on it."""
         goals = np.array([goal for _, goal in self._goals])
         lower, upper = goals.min(axis=0), goals.max(axis=0)
         away = np.maximum(lower - at, at - upper)

@@ -31,7 +31,7 @@ ROOM: Final = """<mujoco><visual>
  specular="0.3 0.3 0.3" castshadow="true"/><body name="floor" mocap="true"><geom type="plane" size="1.5 1.5 0.1"
  material="floor"/></body></worldbody></mujoco>"""
 AZIMUTH, ELEVATION = 125.0, -24.0
-"""From where the camera looks, degrees."""
+"""Direction of the camera, degrees."""
 
 
 class PictureError(RuntimeError):
@@ -72,7 +72,7 @@ class Picture:
     """Draws scenes of one size; close it."""
 
     def __init__(self, width: int, height: int) -> None:
-        """PictureError where this machine has nothing to draw with."""
+        """PictureError if this machine cannot draw."""
         self._gl, self._pid = _context(width, height), os.getpid()
         self._model = mujoco.MjModel.from_xml_string(ROOM.format(width=width, height=height))
         self._data = mujoco.MjData(self._model)

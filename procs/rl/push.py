@@ -50,7 +50,7 @@ class Objects:
         self._from_turn, self._to_turn = np.zeros((len(parts), 4)), np.zeros((len(parts), 4))
 
     def place(self, places: Array, parts: Sequence[Drawn]) -> None:
-        """Put the blocks down on the table: x, y, turn about the vertical (blocks, 3); instruments are at `parts`."""
+        """Put the blocks on the table: x, y, rotation about the vertical (blocks, 3); instruments are at `parts`."""
         data = self._data
         mujoco.mj_resetData(self._model, data)
         for number, (block, (x, y, turn)) in enumerate(zip(self._blocks, places, strict=True)):
@@ -122,7 +122,7 @@ BLOCK: Final = PushedBlock((0.006, 0.006, 0.005), 0.004, (0.93, 0.62, 0.12, 1.0)
 NEAR_M: Final = 0.012
 """Maximum start distance of the block from the point below the middle."""
 PUSH_M: Final = (0.010, 0.022)
-"""So far it is to be pushed."""
+"""Distance to push it."""
 
 
 class PsmPush(PsmReach):

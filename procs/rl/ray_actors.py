@@ -25,7 +25,7 @@ TOKEN: Final = "RAY_AUTH_TOKEN"
 LOOPBACK: Final = "127.0.0.2"
 """Ray takes 127.0.0.1 for a mistake, and uses the machine's address instead."""
 STORE_BYTES: Final = 200_000_000
-"""Of Ray's object store where we start it: results are small."""
+"""Size of Ray's object store if we start Ray: results are small."""
 ROUNDS: Final = 4
 """Number of shares of the episodes that an actor gets, one after the other."""
 LARGEST: Final = 16
@@ -58,7 +58,7 @@ def running_ray(actors: int, address: str = "") -> Iterator[Any]:
         with _told():
             ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR,
                      runtime_env={"env_vars": ONE_THREAD}, **own)
-        held.enter_context(ended_by_term())  # Ray's own aborts, and nothing is cleared away
+        held.enter_context(ended_by_term())  # Ray's own handler aborts without cleanup
         yield ray
 
 

@@ -16,7 +16,7 @@ CONTROLS: Final = (JOINT, CARTESIAN)
 LESS: Final = 0.98
 """Fraction of a joint's limit used where it would be exceeded: joints are not quite proportional to the tip's path."""
 FASTEST_TURN: Final = 2.0 * math.pi
-"""Of the tip in Cartesian control, rad/s at speed 1, where the last joint is as quick as that."""
+"""Limit for the tip in Cartesian control, rad/s at speed 1, if the last joint is that fast."""
 
 
 class Steering:
@@ -120,7 +120,7 @@ class Interpolator:
         return self._steering.joints.copy(), self._steering.jaw, self._steering.pose()
 
     def setpoints(self) -> Iterator[list[tuple[str, Array]]]:
-        """Those to the present goal, to be sent one after the other at equal times."""
+        """Setpoints up to the present goal, to be sent one after the other at equal times."""
         joints, jaw, pose = self._goal()
         before, before_jaw, before_pose = self._joints, self._jaw, self._pose
         self._joints, self._jaw, self._pose = joints, jaw, pose

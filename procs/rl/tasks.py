@@ -1,4 +1,4 @@
-"""Tasks of one arm: a PSM's tip reaches a goal, or follows one that moves; an endoscope looks at a place."""
+"""Tasks of one arm: a PSM's tip reaches a goal, or follows a moving one; an endoscope looks at a target."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trocar.procs.rl.model import SPREAD
 from trocar.procs.rl.scene import GREEN, Drawn, ball, rod
 
 NEAR_M: Final = 0.035
-"""Goals are so near to where the tip is at the centre of the starts."""
+"""Maximum distance of goals from the tip at the centre of the starts."""
 TRACK_MIDDLE_M, TRACK_SIZE_M = 0.015, (0.008, 0.015)
 TRACK_HZ: Final = (0.1, 0.2)
 SIGHT_COLOUR: Final = (0.95, 0.75, 0.10, 1.0)
@@ -65,7 +65,7 @@ class PsmTrack(PsmReach):
 
 
 class EcmAim(RobotEnv):
-    """Look at a place with an ECM. Goals are places (3,), in m, on the line of sight, 0.1 m before the tip."""
+    """Look at a target with an ECM. Goals are positions (3,), in m, on the line of sight, 0.1 m before the tip."""
 
     FILES: ClassVar[Mapping[str, str]] = {KINEMATIC: "kinematic-ecm.yaml", BOARDS: "demo-ecm.yaml"}
     TYPE: ClassVar[str] = "ECM"

@@ -40,7 +40,7 @@ class Addressee:
     parts: tuple[tuple[str, str], ...] = ()
     """Setup arms or robots: how topics call them, and commands."""
     prefix: str = ""
-    """Of its topics, where that is not its name."""
+    """Prefix of its topics, if it is not the name."""
 
 
 @dataclass(slots=True)

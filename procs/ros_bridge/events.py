@@ -72,7 +72,7 @@ class EventTopics:
                          for name, topics in shown.buttons(instance).items()}
 
     def begin(self, state: str, is_homed: bool, is_busy: bool) -> None:
-        """The operating state there is before the first event of it."""
+        """The operating state before its first event."""
         if self.state is not None:
             self.state.message = OperatingState(state=state, is_homed=is_homed, is_busy=is_busy)
 

@@ -63,7 +63,7 @@ def _nothing(message: Any) -> Numbers:
 
 
 def no_text(message: Any) -> str:
-    """Nothing: or the name of the part in the topic."""
+    """No text, or the name of the part in the topic."""
     return ""
 
 

@@ -41,7 +41,7 @@ class Throttle:
     due_ns: int = 0
 
     def step(self, now_ns: int) -> None:
-        """Do it when it is time."""
+        """Execute the action if it is due."""
         if now_ns >= self.due_ns:
             self.due_ns = now_ns + self.period_ns
             self.do(now_ns)
@@ -68,7 +68,7 @@ class Descriptions:
 
 
 class TipFrames:
-    """Where the tips of arms are, in one message: a frame of each arm's name in the frame of its measured_cp."""
+    """Tip poses of arms, in one message: a frame of each arm's name in the frame of its measured_cp."""
 
     def __init__(self, participant: Participant, arms: Iterable[ArmConfig], reads: Reads, stamps: Stamps) -> None:
         self._writer, self._stamps = participant.writer("/tf", TFMessage), stamps
@@ -77,7 +77,7 @@ class TipFrames:
                        ring.field("measured_cp")) for name, ring in rings]
 
     def step(self, now_ns: int) -> None:
-        """The newest poses that are known, if anybody reads them."""
+        """The newest known poses, if the topic has readers."""
         if not self._writer.is_read:
             return
         found = []

@@ -27,7 +27,7 @@ LATCHED: Final = 1
 EVENT_DEPTH: Final = 100
 BLOCKING_NS: Final = 100_000_000
 LARGEST: Final = "256 kB"
-"""Message; reading a larger one would hold everything up."""
+"""Maximum message size; reading a larger one would block the process."""
 PARTICIPANTS: Final = 120  # on one machine, of one domain; each is one of ROS's processes
 EPROSIMA: Final = "1.15"
 

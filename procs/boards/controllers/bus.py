@@ -25,7 +25,7 @@ RECEIVE_TICKS, ANSWER_TICKS = 0x00C8, 0x0D54
 REBOOT_TICKS = reg.CLOCK_HZ  # a board is absent for 1 s while its FPGA is reconfigured
 GROUP = -1  # addressed to all boards: broadcast or multicast
 NEVER = 1 << 62
-REPORT_TICKS = 1600  # Ethernet-only: about 32 µs a board until all blocks have gone round
+REPORT_TICKS = 1600  # Ethernet-only: about 32 µs a board until all blocks have been exchanged
 
 _Head = tuple[int, int, int, int]  # control flags, generation, first quadlet, address
 _HEAD = struct.Struct(">BBIII")

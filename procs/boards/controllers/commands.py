@@ -30,7 +30,7 @@ _WORTH_WRITING = reg.DAC_VALID | reg.DAC_AMP_MASK
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """One board's part of a block; `control` is None where the group ends before it."""
+    """One board's part of a block; `control` is None if the group ends before it."""
 
     row: int
     words: list[int]

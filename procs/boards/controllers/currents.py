@@ -24,14 +24,14 @@ class Currents:
     """Since when each axis has too much current, and when that trips; arrays (boards, width)."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        """Nothing flows."""
+        """No currents."""
         self.trip_at = np.full(shape, NEVER, dtype=np.int64)
         self._over_since = np.full(shape, NEVER, dtype=np.int64)
 
     def compare(self, tick: int, asked: Ints, measured: Ints, unchecked: Flags, limits: Ints | None) -> bool:
         """Currents (offset binary) that hold from `tick` on; `limits` are those of axes in voltage mode, else -1.
 
-        Whether anything is or was too much.
+        Returns whether any current is or was too high.
         """
         mirrored = np.maximum(asked, 0xFFFF - asked)
         over = np.maximum(measured, 0xFFFF - measured) > mirrored + reg.CURRENT_EXCESS

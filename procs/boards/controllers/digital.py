@@ -127,7 +127,7 @@ class Digital:
 
     @property
     def forgiven(self) -> bool:
-        """Whether there is nothing to forget: enables that are sent once more change nothing."""
+        """Whether there is nothing to clear: repeated enables change nothing."""
         return not (np.count_nonzero(self.faults) or np.count_nonzero(self._deviates)
                     or np.count_nonzero(self._left != DEVIATION_TOP))
 

@@ -75,7 +75,7 @@ class Encoders:
         self._x0, self._v, self._h = self.curve
         self.was, self._is = np.zeros(n), np.zeros(n)  # ⌊x⌋ as last observed, and now
         self.offset = self.preload.copy()  # counter minus ⌊x⌋
-        self.turned = np.zeros(n, dtype=np.bool_)  # axes that turn round within the step
+        self.turned = np.zeros(n, dtype=np.bool_)  # axes that reverse within the step
         self.hidden = np.zeros(n, dtype=np.bool_)  # those with edges that a plain look at ⌊x⌋ does not show
         self._turns: list[float] = []  # turning points of these still ahead
         self.overflow = np.zeros(n, dtype=np.int64)

@@ -47,7 +47,7 @@ class Espm:
         self.power_up()
 
     def power_up(self) -> None:
-        """Everything written is forgotten."""
+        """All written values are cleared."""
         motors = self._board.model.hardware.motors
         self._gains = {motor: dict(_GAINS) for motor in range(1, motors + 1)}
         self._flash_at = 0

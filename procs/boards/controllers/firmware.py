@@ -73,7 +73,7 @@ class Firmware:
             self._show_quiet(row, 0)
 
     def fit(self, row: int, joints: EmulatedSetupJoints) -> EmulatedInterfaceBoard | None:
-        """Put the interface board of setup joints on a board; None where a loop-back board is."""
+        """Put the interface board of setup joints on a board; None if it has a loop-back board."""
         if row in self._loops:
             return None
         board = self.boards[row]

@@ -23,7 +23,7 @@ from trocar.procs.native.boards_fields import HUB_MEMORY
 BUS_BOARDS = 16
 FIRST_UPDATE, NEXT_UPDATE = 150, 500  # FireWire: ticks after a query until the first board, and each next one, reported
 FIRST_UPDATE_ETHERNET, NEXT_UPDATE_ETHERNET = 400, 4000  # ticks of 125 MHz
-READ_TICKS = 24  # a hub read takes so long a board
+READ_TICKS = 24  # duration of a hub read, per board
 HUB_AT = 20  # payload of a block response
 _QUAD = struct.Struct(">I")
 _HEAD = struct.Struct(">IIIII")
@@ -31,7 +31,7 @@ _END = struct.Struct(">IIBBBBHH")  # timing quadlet, data CRC, trailer
 
 
 class HubMemory:
-    """Hub memory, laid out where the reply to a hub read has it."""
+    """Hub memory, laid out as in the reply to a hub read."""
 
     def __init__(self, firmware: Firmware, over_ethernet: bool) -> None:
         """Empty."""
@@ -47,7 +47,7 @@ class HubMemory:
         self.quads = 0  # of the blocks of the last query
         self._complete = False
         self._queried = self.sequence = self.mask = 0
-        self.withheld = [0] * firmware.count  # how many blocks of a board will be missing
+        self.withheld = [0] * firmware.count  # number of blocks of a board that will be missing
         self.absent: frozenset[int] = frozenset()  # rows of boards that are away
         self.spoiled = [0] * firmware.count  # replies that will carry a wrong sequence number, by board
         self._bits = {1 << board: row for row, board in enumerate(firmware.ids)}
@@ -96,7 +96,7 @@ class HubMemory:
             self._length = len(self._asked) * self._places.shape[1]
 
     def query(self, value: int, first: int, tick: int) -> bool:
-        """Register 0x1800 is written: sample all boards of the mask. True when every one of them reported."""
+        """Register 0x1800 is written: sample all boards of the mask. True if every one of them reported."""
         firmware, (sequence, mask) = self._firmware, (value >> 16, value & 0xFFFF)
         if (mask, first) != self._plan:
             self._plan_for(mask, first)

@@ -26,7 +26,7 @@ class Hardware:
     motors: int
     encoders: int
     outputs: int
-    inputs: int  # levels of the digital inputs where nothing is connected: they are pulled up
+    inputs: int  # levels of unconnected digital inputs: they are pulled up
 
 
 HARDWARE: Final = {

@@ -66,8 +66,8 @@ class Motors:
                 executed: Flags | None = None) -> None:
         """Motor command words (boards, width), then control words (boards,); all 0 for boards not addressed.
 
-        `written` are the axes that are sent a word, all of them where left out; `executed` the boards that are sent a
-        control word, those with one that is not 0 where left out.
+        `written`: the axes that get a word, default all; `executed`: the boards that get a control word, default those
+        with one that is not 0.
         """
         power = self._power
         top, busy = np.right_shift(words, self._top_shift, self._top), power.heeds(control)

@@ -69,7 +69,7 @@ class BoardPower:
         self.motor_flags: Quads = np.zeros((n, width), dtype=np.uint32)  # motor status without the last command
         self.good = np.zeros(n, dtype=np.bool_)  # motor supply
         self.changes = 0  # counts changes of `status` and `motor_flags`
-        self.next_event = 0  # nothing happens by itself before this tick
+        self.next_event = 0  # no automatic event before this tick
         self._next_other = 0  # nothing but watchdogs
         self.currents = Currents(on.shape)
         self._words = StatusWords(traits)
@@ -84,7 +84,7 @@ class BoardPower:
     # -- time ----------------------------------------------------------------------------------------------------------
 
     def until(self, tick: int) -> None:
-        """Let everything happen that happens by itself up to and including `tick`."""
+        """Process all automatic events up to and including `tick`."""
         while self.next_event <= tick:
             self._event(self.next_event)
 
@@ -275,7 +275,7 @@ class BoardPower:
             self._settle(tick)
 
     def bypass_interlocks(self, row: int, mask: int, tick: int) -> None:
-        """Let the amplifiers of a dRA1 do without some of their interlocks."""
+        """Exempt the amplifiers of a dRA1 from some of their interlocks."""
         if self.digital is not None:
             self.digital.bypass[row] = mask & 0x1F
             self._settle(tick)
@@ -302,7 +302,7 @@ class BoardPower:
         self._settle(tick)
 
     def cut(self, row: int, tick: int) -> None:
-        """Board `row` is without power: nothing is on."""
+        """Board `row` is without power: everything is off."""
         self.wanted[row] = self.relay[row] = False
         self.enabled[row] = False
         self._relay_at[row] = tick + RELAY_FALL
@@ -339,7 +339,7 @@ class BoardPower:
                        limits: Ints | None = None) -> None:
         """Compare measured with commanded currents (offset binary, (boards, width)) that hold from `tick` on.
 
-        `unchecked` axes are left alone, but for those in voltage mode, which have `limits`; the others' are -1.
+        `unchecked` axes are skipped, except those in voltage mode, which have `limits`; the others' are -1.
         """
         traits, digital = self.traits, self.digital
         if digital is not None:

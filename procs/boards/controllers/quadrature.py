@@ -76,7 +76,7 @@ class Quadrature:
         self.observe(tick)
 
     def observe(self, tick: int) -> None:
-        """Let all edges act up to `tick`."""
+        """Process all edges up to `tick`."""
         a, b = (line.coming for line in self._lines)
         while a or b:
             now = min(line[0][0] for line in (a, b) if line)

@@ -24,7 +24,7 @@ class BoardSamples:
     """Rows of the boards by ascending id; arrays (boards, …) named after their content."""
 
     def __init__(self, models: Sequence[Model], width: int) -> None:
-        """Nothing sampled yet."""
+        """No sample yet."""
         n = len(models)
         self._models, self._width = models, width
         self.rows: Quads = np.zeros((n, BLOCK + SCALARS + KINDS * width), dtype=np.uint32)
@@ -73,5 +73,5 @@ class BoardSamples:
         self.rows.take(selection, None, out, "clip")
 
     def block(self, row: int) -> bytes:
-        """The real-time block of a board as it is on the wire."""
+        """The real-time block of a board in wire format."""
         return bytes(self.rows.take(self._places[row][BLOCK:]).astype(">u4"))

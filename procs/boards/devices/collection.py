@@ -41,7 +41,7 @@ class Collection:
         self._measured = reg.CURRENT_ZERO
         self._zero = tick - 1  # tick of the last real-time sample: the time stamp counts from there
         self._first = tick + SAMPLE_PHASE
-        self._done = tick  # everything up to this tick has been entered
+        self._done = tick  # entries are complete up to this tick
 
     def command(self, channel: int, word: int, tick: int, measured: int = reg.CURRENT_ZERO) -> None:
         """A motor command is written to an axis; `measured` is that axis' current, which holds from `tick` on."""

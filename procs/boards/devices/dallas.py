@@ -39,7 +39,7 @@ NEVER: Final = 1 << 62
 _RESET_TICKS = 30_001
 _RISE_TICKS = 74  # 1.5 µs until the pull-up has the line high: plausible
 _WAIT_TICKS = 1_476
-_ANSWER_TICKS = 14_751  # how long an answer is waited for
+_ANSWER_TICKS = 14_751  # maximum wait for an answer
 _PULSE_END = 7_127  # the chip's answer is over 145 µs after the line went high
 _RECOVER_TICKS = 24_577
 _SLOT_TICKS = 8_192  # of a bit but for the last one of a byte
@@ -101,7 +101,7 @@ class Dallas:
     def write(self, value: int, tick: int) -> None:
         """Control register 0x0D: 2 reads a chunk from an address on, 3 the next one; 1 and 0 take and leave the line.
 
-        While it reads, nothing is heeded.
+        During a read all writes are ignored.
         """
         self._run(tick)
         if self._state:

@@ -72,7 +72,7 @@ class Chip:
         self._busy_until = 0
 
     def load(self, address: int, data: bytes) -> None:
-        """Put data there at once, as before delivery."""
+        """Store data at once, as before delivery."""
         for k, value in enumerate(data, address):
             self._page(k // self.kind.page)[k % self.kind.page] = value
 

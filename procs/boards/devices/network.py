@@ -79,7 +79,7 @@ class Network:
                 reg.ETHERNET: self._status(tick)}.get(address, 0)
 
     def write(self, address: int, value: int, tick: int, relayed: bool = True) -> None:
-        """Write a register; `relayed`: it came over FireWire, on V2 the only way to the Ethernet chip."""
+        """Write a register; `relayed`: it arrived over FireWire, on V2 the only way to the Ethernet chip."""
         if address == reg.PHY_REQUEST:
             self.phy.request(value)
         elif address == reg.IP_ADDRESS:

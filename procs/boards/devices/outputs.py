@@ -51,7 +51,7 @@ class Timer:
         self._plan()
 
     def count(self, tick: int) -> int:
-        """How often the output has turned by `tick` since it was last written."""
+        """Number of level changes of the output by `tick` since its last write."""
         spent = tick - self._first
         if spent < 0:
             return 0
@@ -70,7 +70,7 @@ class Timer:
 
     @property
     def busy_until(self) -> int:
-        """From this tick on it turns no more by itself."""
+        """From this tick on it does not change by itself."""
         if self._first == NEVER:
             return 0
         return self._first if self._back == NEVER else NEVER
@@ -175,7 +175,7 @@ class BoardOutputs:
 
     @property
     def plays_once(self) -> bool:
-        """Whether nothing but a table that ends changes the levels by itself."""
+        """Whether the only automatic changes of the levels are those of a table that ends."""
         return self._waveform.end < NEVER and all(timer.busy_until < NEVER for timer in self._timers)
 
     def playing(self, tick: int) -> bool:
@@ -194,7 +194,7 @@ class BoardOutputs:
     def changes(self, after: int, until: int, limit: int = MAX_CHANGES, of: int = EVERY_OUTPUT) -> Changes:
         """Every change of the levels in (after, until] since the last write; the newest `limit` at most.
 
-        `of`: as if there were no outputs but these, so that fast PWM on others costs and hides nothing.
+        `of`: consider only these outputs, so that fast PWM on others causes no cost and hides no change.
         """
         sources = self._sources(of)
         ends = [source.count(until) for source in sources]
@@ -221,7 +221,7 @@ class BoardOutputs:
         return Changes(since, levels, tuple(items), total - ahead(since))
 
     def settled(self, of: int) -> int:
-        """From this tick on these outputs change no more by themselves."""
+        """From this tick on these outputs do not change by themselves."""
         return max((source.busy_until for source in self._sources(of)), default=0)
 
     def _sources(self, of: int) -> list[Timer | Waveform]:

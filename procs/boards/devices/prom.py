@@ -124,7 +124,7 @@ class FpgaProm(Prom):
 
 
 class SerialOnly:
-    """FPGA V3 in the place of `FpgaProm`: the serial number, and nothing else."""
+    """FPGA V3's replacement for `FpgaProm`: only the serial number."""
 
     def __init__(self, serial: str) -> None:
         """With the board's serial number."""

@@ -18,7 +18,7 @@ _LENGTH_SHIFT, _LENGTH_MASK = 8, (1 << 23) - 1
 
 
 class Waveform:
-    """The table, and where in it a playback is."""
+    """The table, and the position of a playback in it."""
 
     def __init__(self) -> None:
         """An empty table at rest."""
@@ -36,7 +36,7 @@ class Waveform:
         self._plan(tick, 0, 0)
 
     def stop(self) -> None:
-        """Nothing is played any more."""
+        """Stop the playback."""
         self.end = -1
         self._starts = []
         self._laps_from = NEVER
@@ -65,7 +65,7 @@ class Waveform:
 
     @property
     def busy_until(self) -> int:
-        """From this tick on nothing is played any more."""
+        """From this tick on there is no playback."""
         return 0 if self.end < 0 else min(self.end + 1, NEVER)
 
     def count(self, tick: int) -> int:

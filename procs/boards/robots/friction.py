@@ -74,11 +74,11 @@ class Play:
         self.lead[:], self._speed[:] = earlier.lead, earlier._speed
 
     def take_off(self, position: Array) -> None:
-        """In place, from where the motors are to where their joints are."""
+        """In place: convert motor positions to joint positions."""
         position[self._places] -= self.lead
 
     def place(self, robot: slice) -> None:
-        """The motors of a robot are put in the middle of their play, at rest."""
+        """Put the motors of a robot in the middle of their play, at rest."""
         here = np.flatnonzero((self._places >= robot.start) & (self._places < robot.stop))
         self.lead[here], self._speed[here] = 0.0, 0.0
         self._friction.relax(here)

@@ -64,7 +64,7 @@ class Hands:
             self._plant.before_step.append(self.pull)
 
     def release(self, robot: str) -> None:
-        """Let go."""
+        """Release the tip."""
         self._look_for(robot)
         self._targets.pop(robot, None)
         if not self._targets and self.pull in self._plant.before_step:

@@ -147,12 +147,12 @@ def mechanism(robot: Robot, arm: ArmConfig | None, tool: Tool | None, links: Cha
 
 
 def parallelogram(arm: ArmConfig) -> Chain | None:
-    """The links of an arm as they really are, where they are more than its kinematics know."""
+    """The real links of an arm, if they are more than its kinematics model."""
     return arm.links if arm.links is not None and len(arm.links.links) > len(arm.chain.links) else None
 
 
 def laden(arm: ArmConfig) -> ArmConfig:
-    """An arm with the mass of its endoscope on the link that carries it; others as they are."""
+    """An arm with the mass of its endoscope on the link that carries it; other arms unchanged."""
     if not arm.endoscope:
         return arm
     mass = endoscope(arm.endoscope).mass

@@ -202,14 +202,14 @@ class Plant:
         return tool.name if tool is not None else ""
 
     def insert_tool(self, arm: str, tool: Tool) -> None:
-        """Put an instrument on an arm: other joints and limits, the actuators stay where they are."""
+        """Insert an instrument on an arm: new joints and limits, unchanged actuator positions."""
         if arm not in self._by_name:
             raise KeyError(f"{arm}: not an arm of this system; it has {', '.join(self._by_name)}")
         self._tools[arm] = tool
         self._assemble()
 
     def remove_tool(self, arm: str) -> None:
-        """Take an arm's instrument away; its discs turn freely from where they are."""
+        """Remove an arm's instrument; its discs turn freely from their positions."""
         self._tools.pop(arm, None)
         self._assemble()
 

@@ -17,7 +17,7 @@ from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.master_gravity import MasterGravity
 from trocar.procs.kinematics.poses import Array
 
-RENEWED_S: Final = 0.01  # as often as it is worked out: it changes as slowly as the arm moves
+RENEWED_S: Final = 0.01  # update interval: the weight changes as slowly as the arm moves
 
 
 LIFTING_A: Final = 0.02  # motor current that only an arm command can cause
@@ -36,7 +36,7 @@ class Heavy:
 
 
 class Weights:
-    """`effort` on the model's joints (nv,), to be taken away from the others."""
+    """`effort` on the model's joints (nv,), to be subtracted from the others."""
 
     def __init__(self, heavy: list[Heavy], joints: int, period_s: float, supported: Collection[str]) -> None:
         """`supported`: robots whose weight a hand carries, updated by the caller."""

@@ -13,7 +13,7 @@ STATIC: Final = Path(__file__).resolve().parent.parent / "static"
 
 @cache
 def assets() -> str:
-    """Where they are served."""
+    """Address of the files."""
     newest = max(path.stat().st_mtime_ns for path in STATIC.iterdir())
     return f"/assets/{newest:x}"
 

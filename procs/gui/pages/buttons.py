@@ -39,7 +39,7 @@ def buttons_page(document: SystemConfig) -> None:
 
 
 def has_buttons(document: SystemConfig) -> bool:
-    """Whether there is anything to show."""
+    """Whether there are buttons to show."""
     return bool(document.consoles or any(io.digital_inputs or io.digital_outputs or io.instrument_readers
                                          for io in document.ios))
 

@@ -25,21 +25,21 @@ def moving(document: SystemConfig) -> list[str]:
 
 
 def power_off(document: SystemConfig) -> list[list[Call]]:
-    """Everything off; steps of a button."""
+    """Power off everything; steps of a button."""
     if document.consoles:
         return [[("system", "power_off", [], "")]]
     return [[(name, "state_command", [], "disable") for name in moving(document)]]
 
 
 def power_on(document: SystemConfig) -> list[list[Call]]:
-    """Everything on."""
+    """Power on everything."""
     if document.consoles:
         return [[("system", "power_on", [], "")]]
     return [[(name, "state_command", [], "enable") for name in moving(document)]]
 
 
 def home(document: SystemConfig) -> list[list[Call]]:
-    """Everything on, and homed."""
+    """Power on and home everything."""
     if document.consoles:
         return [[("system", "home", [], "")]]
     return [*power_on(document), [(name, "state_command", [], "home") for name in moving(document)]]

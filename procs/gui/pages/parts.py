@@ -119,7 +119,7 @@ def arg(tag: str, kind: str, **attributes: Any) -> Part:
 
 
 def hold(text: str, call: Call, release: Call, *, every_ms: int = 0, **attributes: Any) -> Part:
-    """A button that commands while it is held, again after `every_ms`, and `release` when it is let go."""
+    """A button that commands while it is held, every `every_ms`, and sends `release` when it is released."""
     if every_ms:
         attributes["data_every"] = str(every_ms)
     return Part("button", "hold commands", text, type="button", data_hold=json.dumps(call),

@@ -1,4 +1,4 @@
-"""The page Plots: any number of any record, several at once."""
+"""The page Plots: any numbers of any records, several at once."""
 
 from __future__ import annotations
 
