@@ -77,7 +77,7 @@ class NewestRecords:
     def __init__(self, topic: RecordedTopic, dtype: np.dtype[np.void]) -> None:
         self.topic, self._dtype = topic, dtype
         self.begin_ns = -END_NS
-        """From here on it has all there are; there were older ones, too, unless it is -END_NS."""
+        """From here on all its records are present; it has older ones, too, unless this is -END_NS."""
         self._pieces: list[Records] = []
         self._count = 0
 

@@ -54,8 +54,7 @@ class Stretch:
 
 
 def opened(path: Path) -> RecordingReader:
-    """A recording as a person names it, also by its name in a list of `trocar recordings`; Problem where there is none.
-    """
+    """A recording by its path, or by its name in the list of `trocar recordings`; Problem if there is none."""
     found = given_file(path, all_folders())
     if not found.is_file():
         raise Problem(f"{path}: {not_found(path)}; trocar recordings lists those of a system")

@@ -28,7 +28,7 @@ class CommonTime:
     a: Stretch
     b: Stretch
     text: str
-    """Which it is, in words."""
+    """Its description in words."""
 
     def of(self, a: Records, b: Records, is_steady: bool) -> tuple[Records, Records]:
         """Records of one topic in the common time.
@@ -44,7 +44,7 @@ class CommonTime:
 
 
 def common_time(a: RecordingReader, b: RecordingReader, parts: tuple[Stretch, Stretch], how: str) -> CommonTime:
-    """Of `parts` of both; Problem where there is none."""
+    """Common time of `parts` of both; Problem if there is none."""
     if how == SEQUENCE:
         return CommonTime(how, *parts, "the numbers that both have, topic by topic")
     ours, theirs = (_extent(each, part) for each, part in zip((a, b), parts, strict=True))

@@ -34,7 +34,7 @@ class RecordingDifference:
 
     @property
     def compared(self) -> int:
-        """Pairs of records that were compared; 0: nothing is known of how like they are."""
+        """Number of compared pairs of records; 0: their similarity is unknown."""
         return sum(topic.compared for topic in self.topics)
 
     @property
@@ -61,7 +61,7 @@ class Comparing:
 
     def of(self, a: RecordingReader, b: RecordingReader, stretches: tuple[Stretch, Stretch] = (Stretch(), Stretch()),
            say: Say = lambda text, fraction: None) -> RecordingDifference:
-        """All differences; Problem where a topic is named that neither has."""
+        """All differences; Problem if a named topic is in neither."""
         every = list(dict.fromkeys((*a.record_topics, *b.record_topics)))
         wanted = chosen_topics(every, self.topics)
         real = [] if self.topics else [name for name in wanted if not _in_time(a, b, name)]

@@ -66,11 +66,11 @@ class TopicDifference:
     first_only_b_ns: int | None
     fields: tuple[FieldDifference, ...]
     unknown: tuple[str, ...] = ()
-    """Fields that only one of them has, or that have another type or shape."""
+    """Fields that only one recording has, or that differ in type or shape."""
 
     @property
     def is_equal(self) -> bool:
-        """Bit for bit, but for the fields that were left out."""
+        """Bit for bit, except for the omitted fields."""
         return not (self.fields or self.only_a or self.only_b or self.unknown)
 
     @property
@@ -189,7 +189,7 @@ def same(a: Array, b: Array) -> NDArray[np.bool_]:
 
 
 def distance(a: Array, b: Array) -> NDArray[np.float64]:
-    """By how much numbers (k, n) differ; NaN where one is no number, or where they are texts or flags."""
+    """Difference of numbers (k, n); NaN if one is not a number, or for texts and flags."""
     if a.dtype.kind not in "iuf" or b.dtype.kind not in "iuf":
         return np.full(a.shape, np.nan)
     with np.errstate(invalid="ignore", over="ignore"):

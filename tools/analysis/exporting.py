@@ -35,11 +35,11 @@ class TableColumn:
 
 
 TableParts = Iterator[list[TableColumn]]
-"""A table, some rows after the other: the same columns each time."""
+"""A table in successive blocks of rows: the same columns each time."""
 
 
 def columns(topic: RecordedTopic, records: Records, last: NDArray[Any]) -> list[TableColumn]:
-    """A topic's records as columns: an array has one for each element, named after joints where it has some.
+    """A topic's records as columns: an array has one for each element, named after joints if it has any.
 
     `last`: the last row of all, with the names. The first columns are `sequence`, `stamp_ns` (system time), `local_ns`
     (time of day) and `epoch` (which process wrote).
@@ -106,7 +106,7 @@ class RecordingTables:
     """Also those without a record there: a recording names every topic of its system."""
 
     def tables(self, say: Say) -> Iterator[tuple[str, TableParts]]:
-        """Each topic with its columns, some rows after the other: the first of them may have none."""
+        """Each topic with its columns, in successive blocks of rows: the first block may be empty."""
         for done, name in enumerate(self.topics):
             say(name, done / len(self.topics))
             in_order, last = self._look(name, self.part)

@@ -12,7 +12,7 @@ from trocar.shm.system import directory
 
 
 def folder_of(system: str) -> Path:
-    """In the folder that its configuration names, as long as that is in memory, else beside its logs."""
+    """The folder named by its configuration, while that is in memory, else the one beside its logs."""
     from trocar.procs.document.system import from_json  # imported only where recordings are kept or listed
 
     with contextlib.suppress(SegmentError, ValueError):

@@ -26,7 +26,7 @@ CHUNK_BYTES: Final = 1 << 20
 
 
 def to_rosbag2(recording: RecordingReader, folder: Path, topics: Sequence[str], part: Stretch, say: Say) -> list[Path]:
-    """Write the bag into `folder`; Problem where the recording cannot be read so."""
+    """Write the bag into `folder`; Problem if the recording cannot be read."""
     file = folder / f"{folder.name}.mcap"
     try:
         if set(topics) == set(recording.topics) and part == Stretch() and recording.is_whole:

@@ -1,4 +1,4 @@
-"""How much may differ: `--tolerance position=0.1deg`, `--tolerance PSM1/state.velocity=0.01`, `--tolerance 0.1mm`."""
+"""Allowed differences: `--tolerance position=0.1deg`, `--tolerance PSM1/state.velocity=0.01`, `--tolerance 0.1mm`."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ FORM: Final = re.compile(r"(?:(?P<field>[^=]+)=)?(?P<number>[0-9.+\-eE]+)\s*(?P<
 
 @dataclass(frozen=True, slots=True)
 class AllowedDifference:
-    """One of them: for which fields (TOPIC.FIELD or FIELD, empty: all), and of which unit (empty: any)."""
+    """One of them: its fields (TOPIC.FIELD or FIELD, empty: all), and its unit (empty: any)."""
 
     field: str
     unit: str
     value: float
 
     def concerns(self, topic: str, field: str, units: Sequence[str]) -> bool:
-        """Whether it is about this field. Without unit and name it is about all but times and numbers of records."""
+        """Whether it applies to this field. Without unit and name: to all but times and numbers of records."""
         if self.field:
             return any(fnmatchcase(name, self.field) for name in (field, f"{topic}.{field}"))
         if self.unit:

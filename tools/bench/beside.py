@@ -45,7 +45,7 @@ class MovingArms:
         self._turn_ns, self._sign = 0, 1.0
 
     def go_on(self) -> None:
-        """Turn round where it is time to."""
+        """Reverse the motion when due."""
         now_ns = monotonic_ns()
         if now_ns < self._turn_ns:
             return
@@ -57,7 +57,7 @@ class MovingArms:
             client.send("move_jr", increment)
 
     def close(self) -> None:
-        """Let them come to rest."""
+        """Stop the motion."""
         for client in self._clients:
             client.close()
 

@@ -33,7 +33,7 @@ PATIENCE_S = 30.0  # with a line
 FAREWELL_S = 3.0
 LOOK_S = 0.2
 CPU_S = 120  # of a child in all: one that polls for a crashed partner ends
-WARM_UP = 200  # first times of each turn that do not count
+WARM_UP = 200  # first times of each turn, not counted
 KEPT = 1_000_000  # times a child keeps
 
 Times = Mapping[str, list[int]]
@@ -106,7 +106,7 @@ class Turns:
                 for key, (name, percentile, unit) in table.items() if name in self.turns}
 
     def span(self, name: str) -> tuple[float, float]:
-        """The quickest and the slowest turn, µs: far apart when something else was at work, too."""
+        """The fastest and the slowest turn, µs: far apart under other load."""
         medians = [turn["p50"] / 1e3 for turn in self.turns[name]]
         return min(medians), max(medians)
 

@@ -186,7 +186,7 @@ def _following(folder: Path) -> Iterator[Timed]:
     to_and_fro = [0]
 
     def follows(system: str) -> None:
-        """The master moves on for some seconds, and the slave with it."""
+        """The master moves for some seconds, and the slave follows."""
         _follow(system)
         to_and_fro[0] += 1
         with Remote(system, "MTMR") as master, contextlib.closing(directory.reader(system, "MTMR", "state")) as ring:

@@ -88,7 +88,7 @@ class ScriptedPage:
         wait_until(lambda: self.received, "something from the web console")
 
     def close(self) -> None:
-        """It has gone."""
+        """The page disconnects."""
         self._is_over = True
         self._taker.join(PATIENCE_S)
 
@@ -103,7 +103,7 @@ class RealBrowser:
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def processes(self) -> list[psutil.Process]:
-        """All of it."""
+        """All processes of the browser."""
         own = psutil.Process(self._popen.pid)
         return [own, *own.children(recursive=True)]
 

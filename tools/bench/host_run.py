@@ -79,7 +79,7 @@ class HostRun(Closable):
 
     @property
     def arms(self) -> int:
-        """How many there are."""
+        """Number of its arms."""
         return len(self._clients)
 
     def _all(self, command: str, values: tuple[float, ...], text: str) -> None:

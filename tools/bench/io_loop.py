@@ -60,7 +60,7 @@ BASELINE = Path(__file__).with_name("baseline.c")
 REPLY_BYTES, WRITE_BYTES = 1092, 218  # of eight QLA1 of Rev 8
 WAIT_NS, SPIN_NS = 50_000, 50_000
 AWAKE = ("io.spin_us=0", f"io.query_wait_us={WAIT_US}", "arm.period_s=0.002")
-"""So that CPU time is work, but for that wait, and arms on numpy have time enough."""
+"""So that CPU time is work, except for that wait, and arms on numpy have enough time."""
 
 
 def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple[int, ...] = SIZES) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple
 
 @dataclass(frozen=True, slots=True)
 class BaselineRun:
-    """Share of the deadlines missed, time from a reply to the write behind it, CPU time of a cycle but for WAIT_NS."""
+    """Fraction of missed deadlines, time from a reply to the next write, CPU time of a cycle without WAIT_NS."""
 
     missed: float
     reply_to_write_us_p50: float
@@ -187,7 +187,7 @@ def sustained(measure: Callable[[float], tuple[float, float]]) -> dict[int, tupl
 
 
 def part_missed(measure: Callable[[], float]) -> tuple[float, str]:
-    """Part of the deadlines missed; where a robot does not get so far as to be measured that is all, and why."""
+    """Fraction of missed deadlines; for a robot that cannot be measured 1.0, and the reason."""
     try:
         return measure(), ""
     except Problem as problem:

@@ -72,7 +72,7 @@ def percentiles(name: str, values: Sequence[float] | NDArray[Any], *percents: fl
 
 
 def wait_until(done: Callable[[], Found], what: str) -> Found:
-    """Wait until `done` returns something; Problem where that takes longer than PATIENCE_S."""
+    """Wait until `done` returns a result; Problem if that takes longer than PATIENCE_S."""
     end = monotonic_ns() + round(PATIENCE_S * 1e9)
     while not (found := done()):
         if monotonic_ns() >= end:
@@ -96,7 +96,7 @@ def home_all(system: str, *names: str) -> list[str]:
 
 
 def cpu_s(pid: int) -> float:
-    """CPU time of a process so far, s, all threads, user and kernel; 0 when it is gone.
+    """CPU time of a process so far, s, all threads, user and kernel; 0 if it has ended.
 
     `/proc/PID/stat`, which psutil reads, counts in ticks of 10 ms; this is to the nanosecond.
     """

@@ -114,13 +114,13 @@ class LockstepRun(Closable):
 
     @property
     def records(self) -> NDArray[Any]:
-        """Those of the arm so far; Problem: some were lost."""
+        """Records of the arm so far; Problem: some were lost."""
         if self._ring.lost:
             raise Problem(f"{self._ring.lost} records of {self._arm} were lost")
         return np.frombuffer(b"".join(self._rows), self._ring.dtype)
 
     def differences(self) -> list[str]:
-        """Fields in which a host's records of this run are others; records that it does not have."""
+        """Fields in which a host's records of this run differ; records missing in the host."""
         theirs = self.records
         document = dataclasses.replace(self.document, name=f"{self.document.name}h")
         ours = hosted(document, self._arm, self.asked_for, int(theirs["stamp_ns"][-1]))

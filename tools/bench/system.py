@@ -145,7 +145,7 @@ def swing(sways: Sequence[Sway], seconds: float) -> list[tuple[str, int]]:
 
 
 def marks(system: str) -> dict[str, Mark]:
-    """Every process of a system as it is now."""
+    """Present figures of every process of a system."""
     found = {}
     for process in statuses(system):
         page = ControlPage(system, process.name)

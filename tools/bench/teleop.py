@@ -147,7 +147,8 @@ def edges(times: Stamps, positions: Array) -> Stamps:
 
 
 def fault_handler(nudges: Stamps, stamps: Stamps, setpoints: Array) -> Stamps:
-    """ns from each nudge to the first of the setpoints (m, k) that has gone PART of its way; those without left out.
+    """ns from each nudge to the first of the setpoints (m, k) that has gone PART of its way; nudges without one are
+    left out.
 
     The way is the largest change within MAX_NS, per axis; drift before the nudge does not count.
     """

@@ -18,7 +18,7 @@ EVENTS_S: Final = 0.05
 
 
 class AwaitedWord:
-    """A word of an object, or of a part of it, by its name."""
+    """A method of an object, or of a part of it, by its name."""
 
     def __init__(self, carry_out: Callable[..., Any], path: tuple[str, ...]) -> None:
         """Made by `Aio`."""
@@ -33,14 +33,14 @@ class AwaitedWord:
 
 
 class Aio:
-    """An object whose words are awaited: `await psm.measured_cp()`, `await psm.jaw.open()`; an async context manager.
+    """An object whose methods are awaited: `await psm.measured_cp()`, `await psm.jaw.open()`; an async context manager.
 
-    Each word runs in a thread beside the event loop, eight at a time, so that `hold` need not wait for a `home`; each
-    thread has an object, and `at` another machine a connection, of its own.
+    Each call runs in a thread beside the event loop, eight at a time, so that `hold` need not wait for a `home`; each
+    thread has its own object, and `at` another machine its own connection.
     """
 
     def __init__(self, make: Callable[[], Any]) -> None:
-        """Nothing is attached yet."""
+        """Not attached yet."""
         self._make = make
         self._threads = ThreadPoolExecutor(AT_A_TIME, "trocar")
         self._own = threading.local()

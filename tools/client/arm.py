@@ -58,7 +58,7 @@ class Arm(Instance, Joints):
         return move(self._waits, self._remote, "move_cp", pose_numbers(pose))
 
     def move_cr(self, change: ArrayLike) -> MoveHandle:
-        """Move the tip by a shift and a turn about itself (4, 4)."""
+        """Move the tip by a translation and a rotation about itself (4, 4)."""
         return move(self._waits, self._remote, "move_cr", pose_numbers(change))
 
     def servo_cp(self, pose: ArrayLike, twist: ArrayLike | None = None) -> None:
@@ -113,7 +113,7 @@ class Arm(Instance, Joints):
         self._follow("servo_jr", numbers(increment))
 
     def servo_jv(self, velocity: ArrayLike) -> None:
-        """Go at these joint velocities (n,) until 0.1 s after the last such command."""
+        """Move at these joint velocities (n,) until 0.1 s after the last such command."""
         self._follow("servo_jv", numbers(velocity))
 
     def servo_jf(self, effort: ArrayLike) -> None:
@@ -187,7 +187,7 @@ class Arm(Instance, Joints):
         """Name of the frame of its poses."""
         return self._record.look().text("reference_frame")
 
-    # questions; nothing moves
+    # queries; no motion
 
     def forward_kinematics(self, position: ArrayLike) -> Array:
         """Pose (4, 4) of the tip at joint positions (n,); with fewer of them, of the frame after the last."""
@@ -196,7 +196,7 @@ class Arm(Instance, Joints):
     def inverse_kinematics(self, seed: ArrayLike, pose: ArrayLike) -> Array:
         """Joints (n,) for a tip pose (4, 4) in the arm's base (not the reference frame), near the seed (n,).
 
-        Refused with the reason where there are none.
+        Refused with the reason if there are none.
         """
         return asked(self._remote, "inverse_kinematics", np.concatenate((numbers(seed), pose_numbers(pose))))
 

@@ -1,6 +1,6 @@
 """Arms brought to a state through their `state_command`, several at a time: enabled, homed or disabled.
 
-Faulty arms are disabled first. Everything is judged by the arms' own state records, and that power is off by io's.
+Faulty arms are disabled first. Success is checked in the arms' own state records, power-off in io's.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class Callbacks:
         self._came: deque[tuple[str, Event]] = deque()
 
     def set(self, event: str, function: Callback | None) -> None:
-        """Call this with each event of this name from now on, None: no more; Problem names those there are."""
+        """Call this with each event of this name from now on, None: end that; Problem names the existing events."""
         if function is None:
             self._functions.pop(event, None)
             self._fields.pop(event, None)
@@ -60,7 +60,7 @@ class Callbacks:
         if self._fields:
             self._look()
         count = 0
-        while self._came:  # a function may wait for something, so that others run meanwhile
+        while self._came:  # a function may wait, during which others run
             event, what = self._came.popleft()
             function = self._functions.get(event)
             if function is not None:
@@ -80,7 +80,7 @@ class Callbacks:
                 self._came.append((name, {"stamp_ns": row["stamp_ns"], name: row[name]}))
 
     def close(self) -> None:
-        """Follow nothing more."""
+        """End all callbacks."""
         self._functions.clear()
         self._events.close()
 
@@ -93,7 +93,7 @@ class Reporting(Closable):
     def on_event(self, event: str, callback: Callback | None) -> None:
         """Have `callback` called with each event of this name from now on, a mapping as `trocar echo --json` has it.
 
-        None: no more. It runs in calls of yours: `process_events`, and waits of this object. Problem names the events.
+        None: end that. It runs in your own calls: `process_events`, and waits of this object. Problem names the events.
         """
         self._callbacks.set(event, callback)
 

@@ -110,7 +110,7 @@ class BridgeConnection:
                 return None
 
     def ask(self, op: str, timeout: float = 5.0, **parts: Any) -> dict[str, Any]:
-        """A question and its answer; Problem with the reason, TimeoutError when there is none."""
+        """A query and its answer; Problem with the reason, TimeoutError if there is none."""
         found = self.first(self.say(op, **parts), timeout)
         if found is None:
             raise TimeoutError(f"{self.at} did not answer within {timeout:g} s")

@@ -16,7 +16,7 @@ class Operated(InstanceHandle):
     """A console or a teleoperation of a running system; a context manager. Each thread has to make its own."""
 
     def __init__(self, system: str | Ways, name: str) -> None:
-        """Attach; Problem or SegmentError when it is not there (yet)."""
+        """Attach; Problem or SegmentError if it is not there (yet)."""
         ways = ways_of(system)
         self._rows = ways.rows(name)
         super().__init__(ways, name, self._rows, self._row)
@@ -32,11 +32,11 @@ class ConsoleHandle(Operated):
     """A console: an operator's pedals, and the teleoperations that they decide upon."""
 
     def teleop_start(self) -> None:
-        """Let the selected teleoperations run: from now on the operator decides."""
+        """Enable the selected teleoperations: from now on the operator decides."""
         self._ask("teleop_enable", (1.0,))
 
     def teleop_stop(self) -> None:
-        """Let none run."""
+        """Disable all teleoperations."""
         self._ask("teleop_enable", (0.0,))
 
     def teleop_enabled(self) -> bool:
@@ -48,7 +48,7 @@ class ConsoleHandle(Operated):
         return [str(name) for name in self._row()["teleop"]]
 
     def teleop_select(self, name: str) -> None:
-        """Select a teleoperation; those that share an arm with it are not any more."""
+        """Select a teleoperation; those that share an arm with it are unselected."""
         self._ask("select_teleop", text=name)
 
     def teleop_unselect(self, name: str) -> None:
@@ -56,7 +56,7 @@ class ConsoleHandle(Operated):
         self._ask("unselect_teleop", text=name)
 
     def teleop_is_selected(self, name: str) -> bool:
-        """Whether it is; Problem when there is none of that name."""
+        """Whether it is selected; Problem if there is none of that name."""
         row = self._row()
         if name not in row["teleop"]:
             raise Problem(none_such("teleoperation", name, row["teleop"]))
@@ -87,11 +87,11 @@ class ConsoleHandle(Operated):
         self._ask("emulate_operator_present", (float(present),))
 
     def emulate_clutch(self, pressed: bool = True) -> None:
-        """As if the clutch were pressed, or released."""
+        """Emulate that the clutch is pressed, or released."""
         self._ask("emulate_clutch", (float(pressed),))
 
     def emulate_camera(self, pressed: bool = True) -> None:
-        """As if the camera pedal were pressed, or released."""
+        """Emulate that the camera pedal is pressed, or released."""
         self._ask("emulate_camera", (float(pressed),))
 
 
@@ -124,12 +124,12 @@ class TeleopHandle(Operated):
         self.wait_for_state("ENABLED", timeout)
 
     def disable(self, timeout: float = 10.0) -> None:
-        """End it and wait until it is DISABLED."""
+        """Disable it and wait until it is DISABLED."""
         self.state_command("disable")
         self.wait_for_state("DISABLED", timeout)
 
     def wait_for_state(self, state: str, timeout: float = 10.0) -> None:
-        """Until it is DISABLED, SETTING_ARMS_STATE, ALIGNING_MTM or ENABLED; TimeoutError after `timeout` s."""
+        """Wait until it is DISABLED, SETTING_ARMS_STATE, ALIGNING_MTM or ENABLED; TimeoutError after `timeout` s."""
         known_state(state, [*TeleopState])
         self._waits.until(lambda: self.current_state() == state, timeout, f"{self.name} is not {state}")
 
@@ -142,13 +142,13 @@ class TeleopHandle(Operated):
         return float(self._row()["scale"])
 
     def lock_rotation(self, on: bool = True) -> None:
-        """The slave's orientation stays as it is."""
+        """Keep the slave's orientation constant."""
         self._ask("lock_rotation", (float(on),))
 
     def lock_translation(self, on: bool = True) -> None:
-        """The slave's position stays as it is."""
+        """Keep the slave's position constant."""
         self._ask("lock_translation", (float(on),))
 
     def set_align_mtm(self, on: bool = True) -> None:
-        """Turn the master as the slave is before following."""
+        """Align the master with the slave before following."""
         self._ask("set_align_MTM", (float(on),))

@@ -16,13 +16,13 @@ class Deadline:
 
     def __init__(self, seconds: float, robot_ns: Callable[[], int] | None = None,
                  now_ns: Callable[[], int] = monotonic_ns) -> None:
-        """From now on. `robot_ns`: its time where that is simulated, looked at when ours is over; None: it is ours."""
+        """From now on. `robot_ns`: its time if simulated, read when ours is over; None: real time."""
         self._robot_ns, self._now_ns = robot_ns, now_ns
         self._moved_ns, self._last = now_ns(), robot_ns() if robot_ns is not None else 0
         self._look_ns, self._end = self._moved_ns + round(seconds * 1e9), self._last + round(seconds * 1e9)
 
     def is_over(self) -> bool:
-        """Whether it is past."""
+        """Whether it has passed."""
         now_ns = self._now_ns()
         if now_ns < self._look_ns or self._robot_ns is None:
             return now_ns >= self._look_ns

@@ -118,7 +118,7 @@ class DistantRecord:
     """The records of one instance; every read requests the newest record."""
 
     def __init__(self, connection: BridgeConnection, name: str) -> None:
-        """Problem when there is no such record."""
+        """Problem if there is no such record."""
         self._connection, self._name = connection, name
         self.look()
 
@@ -130,15 +130,15 @@ class DistantRecord:
         return row
 
     def look(self) -> DistantShown:
-        """The newest record; TimeoutError when it is too old."""
+        """The newest record; TimeoutError if it is too old."""
         return DistantShown(self._read("state"))
 
     def row(self) -> Mapping[str, Any]:
-        """The newest record as plain values; TimeoutError when it is too old."""
+        """The newest record as plain values; TimeoutError if it is too old."""
         return self._read("state")
 
     def stamp_ns(self) -> int:
-        """The robot's time, as the newest record shows it, however old; 0: there is none."""
+        """The robot's time in the newest record, of any age; 0: there is none."""
         return self._connection.stamp_ns(self._name)
 
     def is_fresh(self) -> bool:
@@ -156,7 +156,7 @@ class DistantRecord:
         return row
 
     def part(self, view: str, name: str) -> Stamped:
-        """A part of a view; TimeoutError when it is too old or not valid now."""
+        """A part of a view; TimeoutError if it is too old or not valid now."""
         row = self._valid(view)
         found = [_array(row[key]) for key in PARTS.get(name, (name,))]
         return found[0] if len(found) == 1 else np.concatenate(found), int(row["stamp_ns"])
@@ -214,7 +214,7 @@ class DistantEvents:
         self._followed.add(event)
 
     def leave(self, event: str) -> None:
-        """No more."""
+        """End the subscription."""
         if event in self._followed:
             self._followed.remove(event)
             self._connection.ask("unsubscribe", topic=f"{self._name}/{event}")
@@ -255,7 +255,7 @@ class DistantWays:
         return DistantRemote(self.connection, name)
 
     def rows(self, name: str) -> DistantRecord:
-        """The same, of an instance that is no arm."""
+        """The same, for an instance that is not an arm."""
         return DistantRecord(self.connection, name)
 
     def events(self, name: str) -> DistantEvents:
@@ -263,7 +263,7 @@ class DistantWays:
         return DistantEvents(self.connection, name)
 
     def type_of(self, name: str) -> str:
-        """The type of an arm; "": it is none."""
+        """The type of an arm; "": not an arm."""
         found = self.instances.get(name, "")
         return found if found in ARM_TYPES else ""
 

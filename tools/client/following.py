@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """Measured minus commanded, per joint (the jaw last, where there is one): rad, m."""
+    """Measured minus commanded, per joint (the jaw last, if there is one): rad, m."""
 
     names: tuple[str, ...]
     rms: Array
@@ -130,7 +130,7 @@ class Follower:
 
     @property
     def tracking(self) -> Tracking:
-        """The errors so far; NaN when nothing was measured."""
+        """The errors so far; NaN without measurements."""
         with np.errstate(invalid="ignore"):
             rms = np.sqrt(self._squares / self._samples) if self._samples else np.full(len(self.names), np.nan)
         return Tracking(self.names, rms, self._most.copy(), self._samples)
@@ -206,8 +206,7 @@ def waited(until: Callable[[], bool], arms: Sequence[Follower], time: SystemTime
 
 def first_reply(remote: Remote, number: int, wanted: Sequence[str], seconds: float, arms: Sequence[Follower],
                 time: SystemTime) -> Reply:
-    """The first `wanted` answer to a command, waited for as `waited` does; Problem after so long in the system's time.
-    """
+    """The first `wanted` answer to a command, with a wait as in `waited`; Problem after this time of the system."""
     found: list[Reply] = []
     end_ns = time.now_ns() + round(seconds * 1e9)
 

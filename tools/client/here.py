@@ -69,7 +69,7 @@ def provide(name: str | UserNode, system: str | None = None, timeout: float = 5.
 
 
 def system_here(name: str | None = None, timeout: float = 5.0) -> System:
-    """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
+    """A running system, default as in `arm`; TimeoutError if there is none within `timeout` s."""
     return connected(lambda: System(_chosen(name)), timeout, name or "a system")
 
 

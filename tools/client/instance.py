@@ -60,7 +60,7 @@ class Instance(InstanceHandle):
     """One arm, or set of setup joints, of a running system; a context manager. Each thread has to make its own."""
 
     def __init__(self, system: str | Ways, name: str) -> None:
-        """Attach; Problem or SegmentError when it is not there (yet)."""
+        """Attach; Problem or SegmentError if it is not there (yet)."""
         ways = ways_of(system)
         self._record = ways.record(name)
         super().__init__(ways, name, self._record)
@@ -117,17 +117,17 @@ class Instance(InstanceHandle):
         return self._record.look().busy
 
     def wait_for_operating_state(self, state: str, timeout: float = 10.0) -> None:
-        """Until it is DISABLED, ENABLED, PAUSED or FAULT; TimeoutError after `timeout` s."""
+        """Wait until it is DISABLED, ENABLED, PAUSED or FAULT; TimeoutError after `timeout` s."""
         known_state(state)
         self._waits.until(lambda: self._record.look().state == state, timeout, f"{self.name} is not {state}")
 
     def wait_for_busy(self, is_busy: bool = False, timeout: float = 30.0) -> None:
-        """Until it is busy, or no longer is; TimeoutError after `timeout` s."""
+        """Wait until it is busy, or no longer busy; TimeoutError after `timeout` s."""
         how = "not" if is_busy else "still"
         self._waits.until(lambda: self.is_busy() == is_busy, timeout, f"{self.name} is {how} busy")
 
     def state_command(self, word: str) -> None:
-        """enable, disable, home, unhome, pause or resume; Refused when it is not allowed now."""
+        """enable, disable, home, unhome, pause or resume; Refused if it is not allowed now."""
         self._remote.ask("state_command", text=word)
 
     def enable(self, timeout: float = 10.0) -> None:
@@ -135,15 +135,15 @@ class Instance(InstanceHandle):
         self._ways.bring(self.name, ENABLED, timeout)
 
     def disable(self, timeout: float = 10.0) -> None:
-        """Power off and wait until it is."""
+        """Power off and wait until done."""
         self._ways.bring(self.name, DISABLED, timeout)
 
     def home(self, timeout: float = 60.0) -> None:
-        """Enable where needed, home, and wait until it is homed."""
+        """Enable if needed, home, and wait until it is homed."""
         self._ways.bring(self.name, HOMED, timeout)
 
     def unhome(self, timeout: float = 10.0) -> None:
-        """Forget the homing and wait until it is forgotten."""
+        """Clear the homing and wait until it is cleared."""
         self.state_command("unhome")
         self._waits.until(lambda: not self.is_homed(), timeout, f"{self.name} is still homed")
 

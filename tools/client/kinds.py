@@ -34,7 +34,7 @@ class Jaw(Joints):
     def servo_jf(self, effort: ArrayLike) -> None:
         """Apply this effort (N·m) for `arm.effort_timeout_s` (0.1 s), 0 until another command.
 
-        The rest of the arm goes limp unless it is in effort mode already.
+        The rest of the arm becomes limp unless it is already in effort mode.
         """
         self._remote.ask("jaw/servo_jf", numbers(effort))
 
@@ -71,7 +71,7 @@ class Psm(Arm):
         return move(self._waits, self._remote, "move_jp", inserted(self, depth), called="insert_jp")
 
     def tool(self) -> tuple[str, int]:
-        """The instrument as NAME:MODEL[VERSION] and when; empty: none is known to be on."""
+        """The instrument as NAME:MODEL[VERSION] and its time; empty: no known instrument."""
         watch = self._record.look()
         return watch.text("tool"), watch.stamp_ns
 
@@ -80,11 +80,11 @@ class Psm(Arm):
         self._remote.ask("set_tool_type", text=name)
 
     def emulate_tool_present(self, present: bool = True) -> None:
-        """Act as if an instrument were on; False: its switch counts again."""
+        """Emulate that an instrument is inserted; False: its switch counts again."""
         self._remote.ask("emulate_tool_present", (float(present),))
 
     def emulate_adapter_present(self, present: bool = True) -> None:
-        """Act as if a sterile adapter were on; False: its switch counts again."""
+        """Emulate that a sterile adapter is attached; False: its switch counts again."""
         self._remote.ask("emulate_adapter_present", (float(present),))
 
 
@@ -136,11 +136,11 @@ class Mtm(Arm):
         self._remote.ask("lock_orientation")
 
     def unlock_orientation(self) -> None:
-        """Let go of it."""
+        """Release the orientation."""
         self._remote.ask("unlock_orientation")
 
     def orientation_locked(self) -> bool:
-        """Whether it is held."""
+        """Whether the orientation is locked."""
         self._record.look()
         return self._record.reported("orientation_locked")
 
@@ -169,7 +169,7 @@ class SetupArm(Measured):
         return move(self._waits, self._remote, "move_jp", position, self.name)
 
     def clutch(self, on: bool = True) -> None:
-        """Let its brakes go, as its button does, for a minute at most; False: they hold."""
+        """Release its brakes, as its button does, for a minute at most; False: engage them."""
         self._remote.ask("clutch", (float(on),), self.name)
 
 

@@ -28,7 +28,7 @@ class Waits:
     """The waits of one object, in which its callbacks run."""
 
     def __init__(self, robot_ns: Callable[[], int] | None = None, callbacks: Callbacks | None = None) -> None:
-        """`robot_ns`: the robot's time where that is simulated."""
+        """`robot_ns`: the robot's time if simulated."""
         self._robot_ns, self._callbacks = robot_ns, callbacks
 
     def until(self, done: Callable[[], bool], timeout: float, what: str) -> None:
@@ -55,8 +55,7 @@ class MoveHandle:
         self.clipped = first.text.removeprefix(CLIPPED) if first.text.startswith(CLIPPED) else ""
         """Joints with goals beyond their limits, with both values: insertion 5.000 → 0.240 m. Else empty."""
         self.short = ""
-        """Once it is over: joints that are not where they were sent, and by how much: 17.2° short (pitch). Else empty.
-        """
+        """After the move: joints that are not at their goals, with the difference: 17.2° short (pitch). Else empty."""
 
     def is_busy(self) -> bool:
         """Whether it still moves; Refused when it ended before its goal. A `Short` end is warned of, once."""
@@ -93,7 +92,7 @@ class MoveHandle:
 
 def move(waits: Waits, remote: CommandWay, command: str, values: ArrayLike, text: str = "",
          called: str = "") -> MoveHandle:
-    """Send a command that takes its time; Refused with the reason. A clipped goal is warned of (`Clipped`).
+    """Send a command that takes time; Refused with the reason. A clipped goal causes a warning (`Clipped`).
 
     `called`: the word of the script, where that is not the command.
     """

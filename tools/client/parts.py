@@ -69,7 +69,7 @@ class Joints(Measured, Setpoint):
 
 
 class Frame:
-    """Wrenches and Jacobian seen from the tip in its axes, or from the origin of the arm's base in that one's."""
+    """Wrenches and Jacobian, either at the tip in its axes, or at the origin of the arm's base in the base's axes."""
 
     def __init__(self, record: RecordWay, remote: CommandWay, name: str) -> None:
         """`name` is body or spatial; made by `Arm`."""

@@ -35,7 +35,7 @@ READY: Final = ("enable", "home")
 HOLD, END = "hold", "end_stream"
 PRESSED: Final = {True: ("pressed", 0.0), False: ("released", 1.0)}
 CLICKED: Final = ("clicked", 2.0)
-SLOWEST, FASTEST = 50.0, 2000.0  # records a second: none for 30 ms counts as gone
+SLOWEST, FASTEST = 50.0, 2000.0  # records a second: none for 30 ms counts as disconnected
 NOWHERE: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 Handler = Callable[[Array, str], object]
@@ -50,7 +50,7 @@ class Provider(Closable):
     """
 
     def __init__(self, process: UserNode, commands: Mapping[str, Handler] | None = None, program: str = "") -> None:
-        """In this process, which does not run yet; Problem when it has no such place, ValueError: no such command."""
+        """In this process, which does not run yet; Problem if it has no such place, ValueError: no such command."""
         document, name = process.own.document, process.name
         self.process, self.name, self.system = process, name, process.system
         self._place, self._handlers = _places(document, name)[name], _checked(name, commands or {})
@@ -114,7 +114,7 @@ class Provider(Closable):
             self._report_buttons()
 
     def set_state(self, state: str, *, homed: bool = True, busy: bool = False, words: str = "") -> None:
-        """DISABLED, ENABLED, PAUSED or FAULT from the next record on; `words`: the same in words of yours."""
+        """DISABLED, ENABLED, PAUSED or FAULT from the next record on; `words`: the same in your own words."""
         known_state(state)
         self._set(state=state.encode(), sub_state=(words or state).encode()[:40], is_homed=homed and state == "ENABLED",
                   is_busy=busy)
@@ -228,7 +228,7 @@ class Provider(Closable):
 
 
 def taken(system: str, name: str, rate: float, commands: Mapping[str, Handler] | None, program: str) -> Provider:
-    """A place for this program; Problem when there is none of this name, PlaceTaken when another program has it."""
+    """A place for this program; Problem if there is none of this name, PlaceTaken if another program has it."""
     _checked(name, commands or {})
     if not SLOWEST <= rate <= FASTEST:
         raise ValueError(f"{name}: {rate:g} records a second; allowed are {SLOWEST:g} to {FASTEST:g}")

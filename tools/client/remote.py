@@ -33,7 +33,7 @@ class Remote(Client, Closable):
     """A handle to the mailbox of one component that waits for answers; a context manager."""
 
     def __init__(self, system: str, instance: str) -> None:
-        """Attach; SegmentError when there is no such component."""
+        """Attach; SegmentError if there is no such component."""
         super().__init__(system, instance)
         self._system = system
         self._time, self._page = SystemTime(system), ControlPage(system, instance)

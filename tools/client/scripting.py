@@ -122,19 +122,19 @@ def arm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str =
 
 def psm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
         tls: ssl.SSLContext | None = None) -> Psm:
-    """The same; Problem when it is no PSM."""
+    """The same; Problem if it is not a PSM."""
     return _of(Psm, arm(name, system, timeout, at=at, token=token, tls=tls))
 
 
 def ecm(name: str = "ECM", system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
         tls: ssl.SSLContext | None = None) -> Ecm:
-    """The same; Problem when it is no ECM."""
+    """The same; Problem if it is not an ECM."""
     return _of(Ecm, arm(name, system, timeout, at=at, token=token, tls=tls))
 
 
 def mtm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
         tls: ssl.SSLContext | None = None) -> Mtm:
-    """The same; Problem when it is no MTM."""
+    """The same; Problem if it is not an MTM."""
     return _of(Mtm, arm(name, system, timeout, at=at, token=token, tls=tls))
 
 
@@ -163,7 +163,7 @@ def system(name: str | None = None, timeout: float = 5.0, *, at: str, token: str
            tls: ssl.SSLContext | None = None) -> DistantSystem: ...
 def system(name: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
            tls: ssl.SSLContext | None = None) -> System | DistantSystem:
-    """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
+    """A running system, default as in `arm`; TimeoutError if there is none within `timeout` s."""
     return here.system_here(name, timeout) if not at else _at((at, token, tls), timeout, DistantSystem)
 
 

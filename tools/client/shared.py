@@ -23,7 +23,7 @@ class InstanceRecord:
     """All that one arm, or set of setup joints, shows; every read looks for the newest record."""
 
     def __init__(self, system: str, instance: str) -> None:
-        """Attach; SegmentError when there is no such record."""
+        """Attach; SegmentError if there is no such record."""
         self.watch = Watch(system, instance)
         self._system, self._name = system, instance
         self._demand = OnDemand(system, instance)
@@ -37,7 +37,7 @@ class InstanceRecord:
             raise
 
     def look(self) -> Watch:
-        """The newest record; TimeoutError when it is too old."""
+        """The newest record; TimeoutError if it is too old."""
         if not self.is_fresh():
             raise TimeoutError(f"{self._name} has not shown its state for {FRESH_S:g} s")
         return self.watch
@@ -47,7 +47,7 @@ class InstanceRecord:
         return self.watch.look() and self.watch.age_s < FRESH_S
 
     def stamp_ns(self) -> int:
-        """The robot's time, as the newest record shows it, however old; 0: there is none."""
+        """The robot's time in the newest record, of any age; 0: there is none."""
         return self.watch.stamp_ns if self.watch.look() else 0
 
     def part(self, view: str, name: str) -> Stamped:
@@ -117,11 +117,11 @@ class SharedRows:
     """The state record of any instance, as plain values."""
 
     def __init__(self, system: str, name: str) -> None:
-        """Attach; Unknown, a SegmentError, when there is none."""
+        """Attach; Unknown, a SegmentError, if there is none."""
         self._topic, self._name = open_topic(system, f"{name}/state"), name
 
     def row(self) -> Mapping[str, Any]:
-        """The newest one; TimeoutError when it is too old."""
+        """The newest record; TimeoutError if it is too old."""
         if not self._topic.newest() or self._topic.age_s > FRESH_S:
             raise TimeoutError(f"{self._name} has not shown its state for {FRESH_S:g} s")
         return self._topic.as_dict()
@@ -135,7 +135,7 @@ class SharedRows:
         return True
 
     def stamp_ns(self) -> int:
-        """The robot's time, as the newest record shows it, however old; 0: there is none."""
+        """The robot's time in the newest record, of any age; 0: there is none."""
         return self._topic.stamp_ns if self._topic.newest() else 0
 
     def close(self) -> None:
@@ -148,7 +148,7 @@ class SharedEvents:
     """The events of one instance that a script follows."""
 
     def __init__(self, system: str, name: str) -> None:
-        """Nothing is opened yet."""
+        """No events opened yet."""
         self._system, self._name = system, name
         self._open: dict[str, OpenTopic] = {}
 
@@ -166,7 +166,7 @@ class SharedEvents:
             self._open[event] = OpenTopic(self._system, self._entries()[event])
 
     def leave(self, event: str) -> None:
-        """No more."""
+        """End the subscription."""
         if event in self._open:
             self._open.pop(event).close()
 
@@ -203,7 +203,7 @@ class SharedWays:
         return Remote(self.name, name)
 
     def rows(self, name: str) -> SharedRows:
-        """The state record of an instance that is no arm; the same."""
+        """The state record of an instance that is not an arm; the same errors."""
         return SharedRows(self.name, name)
 
     def events(self, name: str) -> SharedEvents:
@@ -211,7 +211,7 @@ class SharedWays:
         return SharedEvents(self.name, name)
 
     def type_of(self, name: str) -> str:
-        """The type of an arm; "": it is none."""
+        """The type of an arm; "": not an arm."""
         return arm_type(self.name, name)
 
     def bring(self, name: str, goal: str, timeout: float) -> None:

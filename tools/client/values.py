@@ -21,7 +21,7 @@ WITHOUT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class JointState(NamedTuple):
-    """Joint positions, velocities and efforts (n,); empty where a topic has none."""
+    """Joint positions, velocities and efforts (n,); empty if a topic lacks them."""
 
     position: Array
     velocity: Array
@@ -29,7 +29,7 @@ class JointState(NamedTuple):
 
 
 def numbers(values: ArrayLike) -> Array:
-    """Numbers in one row (n,), also a single one; ValueError when they are none."""
+    """Numbers in one row (n,), also a single one; ValueError for other types."""
     if values is None:
         raise ValueError("None is no number")
     try:
@@ -42,14 +42,14 @@ def numbers(values: ArrayLike) -> Array:
 
 
 def pose_numbers(matrix: ArrayLike) -> Array:
-    """x y z, quaternion x y z w (7,) of a 4×4 matrix; PoseError, a ValueError, when it is no rigid transform."""
+    """x y z, quaternion x y z w (7,) of a 4×4 matrix; PoseError, a ValueError, if it is not a rigid transform."""
     given = np.asarray(matrix, dtype=np.float64)
     check_matrix(given)
     return pose_from_matrix(given)
 
 
 def rotation_numbers(rotation: ArrayLike) -> Array:
-    """Quaternion x y z w (4,) of a 3×3 matrix; PoseError when it is no rotation."""
+    """Quaternion x y z w (4,) of a 3×3 matrix; PoseError if it is not a rotation."""
     given = np.asarray(rotation, dtype=np.float64)
     if given.shape != (3, 3):
         raise PoseError(f"a rotation is a 3×3 matrix, not one of shape {given.shape}")
@@ -68,7 +68,8 @@ def six_numbers(values: ArrayLike, what: str) -> Array:
 
 @dataclass(slots=True)
 class Gains:
-    """Of three axes (3,) on one side: stiffness, damping, bias, and what the error is shrunk by: p · e + d · v + bias.
+    """Of three axes (3,) on one side: stiffness, damping, bias, and the dead band by which the error is reduced: p · e
+    + d · v + bias.
 
     Gains have their sign: a negative p pulls back, a negative d brakes. Forces: N/m, N·s/m, N, m; torques: N·m/rad,
     N·m·s/rad, N·m, rad.
@@ -80,7 +81,7 @@ class Gains:
     deadband: ArrayLike = NONE
 
     def rows(self) -> Array:
-        """All of them (4, 3); ValueError where one has not three numbers."""
+        """All of them (4, 3); ValueError if one does not have three numbers."""
         rows = [numbers(row) for row in (self.p, self.d, self.bias, self.deadband)]
         for name, row in zip(("p", "d", "bias", "deadband"), rows, strict=True):
             if row.shape != (3,):
@@ -106,7 +107,7 @@ class Impedance:
     orientation_negative: Gains = field(default_factory=Gains)
 
     def numbers(self) -> Array:
-        """The numbers of the command (59,); ValueError where something has another size, or is no rotation."""
+        """The numbers of the command (59,); ValueError if a part has another size, or is not a rotation."""
         place = numbers(self.force_position)
         if place.shape != (3,):
             raise ValueError(f"force_position has 3 numbers, not {place.size}")

@@ -22,7 +22,7 @@ Ways: TypeAlias = "SharedWays | DistantWays"
 
 
 def ways_of(system: str | Ways) -> Ways:
-    """Those of this machine for a system's name: loaded where they are used, as elsewhere there is no shared memory."""
+    """Access on this machine by a system's name: imported on use, as other machines lack shared memory."""
     if not isinstance(system, str):
         return system
     from trocar.tools.client.shared import SharedWays

@@ -56,7 +56,7 @@ def _gain(request: Floats, current: Floats) -> float:
 
 
 def run(bench: RunningBench) -> Outcome:
-    """One arm after the other; the first problem stops."""
+    """One arm after the other, until the first problem."""
     outcome = Outcome()
     for subject in bench.subjects:
         if not subject.arm:
@@ -78,7 +78,7 @@ def run(bench: RunningBench) -> Outcome:
 
 
 def travel_text() -> str:
-    """How far axes are moved."""
+    """Travel of the axes in words."""
     return f"{np.degrees(TRAVEL_RAD):.0f}° or {TRAVEL_M * 1e3:.0f} mm"
 
 
@@ -110,7 +110,7 @@ def _drive(bench: RunningBench, subject: Subject, axis: int, sign: float, *, rel
 
 
 def travel_of(subject: Subject, axis: int) -> float:
-    """How far an axis is moved."""
+    """Travel of an axis."""
     return TRAVEL_M if subject.slides(axis) else TRAVEL_RAD
 
 

@@ -89,7 +89,7 @@ class RunningBench(Closable):
                 return CommandOutcome("failed", f"no answer within {timeout:g} s"), Window.joined(parts)
 
     def enable(self, subject: Subject) -> None:
-        """Power and amplifiers of an arm on, nothing driven; Problem when they are not."""
+        """Power and amplifiers of an arm on, without commands; Problem if they do not come on."""
         bring_all(self.system, [subject.arm], ENABLED)
 
     def disable(self, subject: Subject) -> None:

@@ -35,7 +35,7 @@ LOOK_S: Final = 0.1
 
 @dataclass(frozen=True, slots=True)
 class FittedLine:
-    """position = scale · V + offset, and by how much (rms) it missed."""
+    """position = scale · V + offset, and its residual (rms)."""
 
     scale: float
     offset: float
@@ -43,7 +43,7 @@ class FittedLine:
 
 
 def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
-    """Robot after robot; files that change are written at the end, when nothing has stopped it."""
+    """Robot after robot; changed files are written at the end, if no problem occurred."""
     outcome = Outcome()
     changes: dict[str, dict[str, dict[int, FittedLine]]] = {}
     for subject in bench.subjects:
@@ -118,7 +118,7 @@ def way_of(subject: Subject, axis: int) -> float:
 
 
 def fitted(window: Window, subject: Subject, axis: int) -> FittedLine:
-    """Where the potentiometer sits, as encoders saw it move, as a straight line over its voltage."""
+    """Potentiometer positions, measured by the encoders, as a straight line over its voltage."""
     position = window.axes("position", subject)
     matrix = subject.robot.joint_to_actuator_position
     seen = position @ np.linalg.inv(np.array(matrix)).T if matrix is not None else position
@@ -130,7 +130,7 @@ def fitted(window: Window, subject: Subject, axis: int) -> FittedLine:
 
 
 def judge(line: FittedLine, subject: Subject, axis: int, by: float) -> list[Finding]:
-    """A line that can be believed."""
+    """Whether a line is plausible."""
     where, unit, old = subject.where(axis), subject.unit(axis), _old(subject, axis)[0]
     if math.isnan(line.residual):
         return [Finding(where, "the voltage of its potentiometer did not change", "it follows the motion",

@@ -21,7 +21,7 @@ class Finding:
 
 @dataclass(slots=True)
 class Outcome:
-    """How a stage ended: passed where there are no problems."""
+    """Result of a stage: passed if there are no problems."""
 
     problems: list[Finding] = field(default_factory=list)
     figures: dict[str, Any] = field(default_factory=dict)

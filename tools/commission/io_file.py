@@ -1,4 +1,4 @@
-"""An IO file with other potentiometer values: all else stays, nothing is overwritten without a copy of it."""
+"""An IO file with other potentiometer values: the rest is unchanged, and nothing is overwritten without a copy."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class SavedIoFile:
 def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: bool = False) -> SavedIoFile:
     """Put values into a new file `NAME-calibrated.json` in `folder`, or with `write` into the file itself.
 
-    `rehearsed`: they are those of an emulated robot. Problem where that cannot be done; then nothing has changed.
+    `rehearsed`: they are those of an emulated robot. Problem if that fails; then nothing has changed.
     """
     read, problems = read_source(source)
     if read is None:

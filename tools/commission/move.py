@@ -49,7 +49,7 @@ def run(bench: RunningBench) -> Outcome:
 def _watched(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Finding]:
     """Move; a failure includes the arm's message."""
     with Watch(bench.system, subject.arm) as watch, warnings.catch_warnings():
-        warnings.simplefilter("ignore", Short)  # where it arrives is judged here
+        warnings.simplefilter("ignore", Short)  # arrival is checked here
         try:
             return _moved(bench, subject, outcome)
         except (Problem, TimeoutError) as problem:
@@ -128,7 +128,7 @@ def _went(bench: RunningBench, subject: Subject, arm: Arm, goal: Floats,
 
 
 def judge_tracking(window: Window, subject: Subject) -> list[Finding]:
-    """How far actuators were off their setpoints on the way."""
+    """Tracking errors of the actuators during the motion."""
     errors = np.abs(window.axes("position_error", subject)).max(axis=0)
     return [Finding(subject.where(axis), f"tracking error {errors[axis]:.4f} {subject.unit(axis)} in a slow move",
                     f"{TRACKING * tolerance:.4f} {subject.unit(axis)}",
@@ -138,7 +138,7 @@ def judge_tracking(window: Window, subject: Subject) -> list[Finding]:
 
 
 def judge_arrival(subject: Subject, goal: Floats, measured: Floats, names: list[str]) -> list[Finding]:
-    """Whether every joint is where it was sent."""
+    """Whether every joint is at its goal."""
     found = []
     for joint, name in enumerate(names[: len(goal)]):
         slides = joint < len(subject.robot.actuators) and subject.slides(joint)
@@ -176,7 +176,7 @@ def _to_limit(bench: RunningBench, subject: Subject, arm: Arm, start: Floats, na
 
 
 def judge_limit(where: str, past: float, limit: float, slides: bool) -> list[Finding]:
-    """`past`: by how much a joint is beyond its limit."""
+    """`past`: distance of a joint beyond its limit."""
     near, unit = (ARRIVES_M, "m") if slides else (ARRIVES_RAD, "rad")
     if past <= near:
         return []

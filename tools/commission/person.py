@@ -44,7 +44,7 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """Press a button and let go of it; one that is pressed already the other way round."""
+    """Press and release a button; for one that is already pressed in the opposite order."""
 
     name: str
     pressed: bool
@@ -59,7 +59,7 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class Squeeze:
-    """Close the gripper of a master, or open it as far as it goes."""
+    """Close the gripper of a master, or open it fully."""
 
     subject: Subject
     closed: bool

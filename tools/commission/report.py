@@ -79,7 +79,7 @@ class CommissionReport:
         return row
 
     def require_writable(self) -> None:
-        """Problem where it could not be saved; nothing is changed."""
+        """Problem if it could not be saved; changes nothing."""
         with self._fresh():
             pass
 

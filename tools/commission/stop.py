@@ -22,7 +22,7 @@ from trocar.tools.systems.processes import CONTINUE, RunningProcess, running
 
 STOP: Final = 19  # signal: the process is stopped
 STOP_S: Final = 0.1  # from the safety chain to the last amplifier
-SLACK_S: Final = 0.05  # our own looking, beside the watchdog's time
+SLACK_S: Final = 0.05  # delay of our own polling, in addition to the watchdog's time
 STAYS_S: Final = 2.0
 LOOK_S: Final = 0.1
 

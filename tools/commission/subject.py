@@ -36,11 +36,11 @@ class Subject:
         return f"board{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids))}"
 
     def whole(self) -> str:
-        """Where a finding about all of it is."""
+        """Location of a finding about the whole robot."""
         return f"{self.name}, {self.boards}"
 
     def where(self, axis: int) -> str:
-        """Where a finding about an axis is."""
+        """Location of a finding about an axis."""
         return f"{self.title(axis)}, board {self.actuator(axis).board_id}"
 
     def title(self, axis: int) -> str:
@@ -75,13 +75,13 @@ class Subject:
         return axis < len(self.robot.brakes)
 
     def range_of(self, axis: int) -> tuple[float, float]:
-        """Its position limits, equal where there are none."""
+        """Its position limits, equal if it has none."""
         encoder = self.actuator(axis).encoder
         return (encoder.lower, encoder.upper) if encoder is not None else (0.0, 0.0)
 
 
 def subjects_of(system: SystemConfig, arms: list[str] | None = None) -> tuple[Subject, ...]:
-    """All robots of arms and grippers, or those of some arms; setup joints and KINEMATIC ones are none."""
+    """All robots of arms and grippers, or those of some arms; without setup joints and KINEMATIC ones."""
     return tuple(subject for io in system.ios if io.port for subject in _of(system, io)
                  if not arms or _owner(system, subject) in arms)
 

@@ -58,7 +58,7 @@ class Window:
         return found
 
     def moved(self, field: str, subject: Subject) -> Floats:
-        """By how much every actuator went from the first to the last samples (n,)."""
+        """Motion of every actuator from the first to the last samples (n,)."""
         values, some = self.axes(field, subject), max(1, min(20, len(self) // 4))
         change: Floats = values[-some:].mean(axis=0) - values[:some].mean(axis=0)
         return change

@@ -33,7 +33,7 @@ def looks_like_arm(data: dict[str, object]) -> bool:
 
 
 def convert_arm(parsed: Parsed, file: str, report: ConversionReport) -> Json:
-    """The new arm file; `file` is the old one's name. Of no use when the report has problems."""
+    """The new arm file; `file` is the old one's name. Not usable if the report has problems."""
     keys = Keys(parsed.data, parsed.lines, report)
     old = keys.text("kinematic")
     stem = PurePosixPath(old).stem.lower()

@@ -1,4 +1,4 @@
-"""Arms of old console files, and the arm files that they need where the console named a kinematic chain itself."""
+"""Arms of old console files, and the arm files they need if the console itself named a kinematic chain."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class Conversion:
     def results(self) -> list[Result]:
         """Convert, write, then check: systems name the others.
 
-        Problem, before anything is written, where a file cannot be written or would overwrite another.
+        Problem, before any file is written, if a file cannot be written or would overwrite another.
         """
         results = [result for old in self._olds if (result := _read(*old)) is not None]
         for result in results:
@@ -86,7 +86,8 @@ class Conversion:
                 return os.path.relpath(made, result.folder)
         return ""
 
-    # -- before anything is written ------------------------------------------------------------------------------------
+    # -- checks before writing
+    # -------------------------------------------------------------------------------------------
 
     def _plan(self, result: Result) -> None:
         """The places of all new files of a file, or of none; of two files the first one keeps its name."""

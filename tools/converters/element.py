@@ -38,14 +38,14 @@ class Element:
         return self._attributes.get(name, "").strip() == word
 
     def take(self, *names: str) -> tuple[str, str] | None:
-        """The first of `names` that is there, with its text; None when none is."""
+        """The first existing one of `names`, with its text; None if there is none."""
         for name in names:
             if name in self._attributes:
                 return name, self._attributes.pop(name).strip()
         return None
 
     def text(self, *names: str) -> str:
-        """A required text; "" with an error when it is not there."""
+        """A required text; "" with an error if it is missing."""
         found = self.take(*names)
         if found is None or not found[1]:
             self.missing(names[0])
@@ -53,7 +53,7 @@ class Element:
         return found[1]
 
     def number(self, *names: str, default: float | None = None) -> float:
-        """A finite number, required unless there is a `default`; 0 with an error when it is none."""
+        """A finite number, required unless there is a `default`; 0 with an error for an invalid one."""
         found = self.take(*names)
         if found is None:
             if default is None:
@@ -101,7 +101,7 @@ class Element:
         return found[0] if found else None
 
     def need(self, tag: str) -> Element:
-        """The first child of this name; an error and an empty one in its place when there is none."""
+        """The first child of this name; an error and an empty replacement if there is none."""
         found = self.child(tag)
         if found is None:
             self.report.error(self.line, f"{self.path}/{tag}", "", "this element is required")
@@ -122,13 +122,13 @@ class Element:
         return found
 
     def drop(self, name: str, reason: str) -> None:
-        """An attribute that is known and not needed any more."""
+        """A known attribute that is no longer needed."""
         found = self.take(name)
         if found is not None:
             self.report.dropped(self.line, self.key(name), found[1], reason)
 
     def drop_child(self, tag: str, reason: str) -> None:
-        """A child that is known and not needed any more, key by key."""
+        """A known child that is no longer needed, key by key."""
         for child in self.children(tag):
             child.drop_all(reason)
 

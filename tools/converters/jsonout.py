@@ -1,4 +1,4 @@
-"""JSON as people like to read it: one key a line, rows of numbers on one line."""
+"""JSON formatted for people: one key a line, rows of numbers on one line."""
 
 from __future__ import annotations
 

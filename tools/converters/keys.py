@@ -75,11 +75,11 @@ class Keys:
         return row
 
     def text(self, *names: str) -> str:
-        """The first of `names` that is there, a text; "" when none is."""
+        """The first existing one of `names`, a text; "" if there is none."""
         return self._typed(names, str, "a text") or ""
 
     def file(self, name: str) -> str:
-        """The name of a file, as it is called today; "" when there is no such key."""
+        """The present name of a file; "" if there is no such key."""
         old = self.text(name)
         return self.followed(name, old) if old else ""
 
@@ -98,18 +98,18 @@ class Keys:
         self.report.references.append(Reference(self.line(name), self.key(name), old, new, converted_with_it))
 
     def flag(self, name: str) -> bool | None:
-        """True or false, also as 1 or 0; None when there is no such key."""
+        """True or false, also as 1 or 0; None if there is no such key."""
         if self.peek(name) in (0, 1):
             return bool(self.take(name))
         return self._typed((name,), bool, "true or false")
 
     def number(self, name: str) -> float | None:
-        """A number; None when there is no such key."""
+        """A number; None if there is no such key."""
         found = self._typed((name,), (int, float), "a number")
         return float(found) if found is not None else None
 
     def inside(self, name: str) -> Keys | None:
-        """The object at `name`; None when there is none."""
+        """The object at `name`; None if there is none."""
         if not self.has(name):
             return None
         self._read.append(Keys(self.take(name), self._lines, self.report, self._full((name,))))
@@ -134,7 +134,7 @@ class Keys:
         self.report.defaulted(self.line(name), self.key(name), new, reason)
 
     def drop(self, name: str, reason: str) -> None:
-        """A key that is known and not needed any more."""
+        """A known key that is no longer needed."""
         if self.has(name):
             self.report.dropped(self.line(name), self.key(name), value_text(self.take(name)), reason)
 

@@ -1,4 +1,4 @@
-"""Names that today's software looks for, where old files had others."""
+"""Names that today's software uses, where old files had others."""
 
 from __future__ import annotations
 

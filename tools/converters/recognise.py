@@ -1,4 +1,4 @@
-"""An old configuration file by its content: which kind it is, and the files of today that it becomes."""
+"""An old configuration file by its content: its kind, and the files of today that replace it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Converted:
 
     @property
     def complete(self) -> bool:
-        """Whether everything in the old file that means something went over."""
+        """Whether all meaningful content of the old file was converted."""
         return not self.problems and not self.lost
 
 

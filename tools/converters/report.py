@@ -11,7 +11,7 @@ from trocar.procs.config.read.problem import FileProblem
 
 CONVERTED = "converted"  # its value is in the new file in another unit or under another name
 DEFAULTED = "defaulted"  # missing in the old file; required in the new one
-DROPPED = "dropped"  # nothing needs it any more
+DROPPED = "dropped"  # no longer needed
 LOST = "lost"  # the new format cannot express it, or needs data missing in the old one: a person must decide
 
 NOT_READ = "the original software did not read it"
@@ -83,12 +83,12 @@ class ConversionReport:
         self.changes.append(Change(self.file, line, LOST, key, old, "", reason))
 
     def error(self, line: int, key: str, value: str, text: str, allowed: str = "") -> None:
-        """The file is wrong here; nothing is written."""
+        """An error in the file; no output is written."""
         self.problems.append(FileProblem(self.file, line, key, value, text, allowed))
 
 
 def finite(text: str) -> float | None:
-    """The number that a text is; None where it is none, or infinite."""
+    """The number in a text; None for another text, or infinity."""
     value = float(text) if _NUMBER.match(text) else math.inf
     return value if math.isfinite(value) else None
 

@@ -33,7 +33,7 @@ class Unit:
     """The unit of one element's numbers, for a joint that turns or slides."""
 
     def __init__(self, element: Element, joint_type: str, unsaid: str) -> None:
-        """`unsaid` is the unit where the element has no attribute `Unit`; a unit that is none is an error."""
+        """`unsaid` is the unit without an attribute `Unit`; an invalid unit is an error."""
         self.si = SI[joint_type]
         self._element = element
         found = element.take("Unit")
@@ -66,7 +66,7 @@ class FormatVersion:
     old: bool
 
     def unit(self, joint_type: str) -> str:
-        """The unit of positions where there is no attribute `Unit`."""
+        """The unit of positions without an attribute `Unit`."""
         return (OLD if self.old else SI)[joint_type]
 
 

@@ -1,6 +1,6 @@
 """XML as old dVRK files use it: elements and attributes with their lines, and nothing else.
 
-DTDs and entities are refused: a configuration has no use for them, and a few lines of them expand to gigabytes.
+DTDs and entities are refused: a configuration does not need them, and a few lines of them expand to gigabytes.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ _DEEPEST = 32
 
 
 class XmlError(Exception):
-    """A text that is no XML of this kind, and the line (from 1) where that shows."""
+    """A text that is not XML of this kind, with the line (from 1) of the error."""
 
     def __init__(self, line: int, what: str) -> None:
         super().__init__(f"line {line}: {what}")

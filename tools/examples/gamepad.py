@@ -27,7 +27,7 @@ AXES: Final = (*MOTIONS, ABS_RZ)
 DEADMAN: Final = BTN_TL
 BUTTONS: Final = {"operator_present": BTN_TL, "clutch": BTN_EAST, "camera": BTN_WEST}
 DEAD_ZONE: Final = 0.12  # of a stick's way: maximum offset at rest
-OPEN_RAD: Final = math.radians(60.0)  # the gripper with the trigger let go
+OPEN_RAD: Final = math.radians(60.0)  # the gripper with the released trigger
 MAX_STEP_S: Final = 0.02  # a longer stall does not cause motion
 
 
@@ -54,10 +54,10 @@ class Device(Protocol):
     path: str
 
     def read(self) -> Iterable[GamepadEvent]:
-        """Events since the last call; BlockingIOError when there are none, OSError when it is gone."""
+        """Events since the last call; BlockingIOError if there are none, OSError if the device is gone."""
 
     def absinfo(self, axis_num: int) -> Range:
-        """An axis as it is now."""
+        """Current state of an axis."""
 
     def active_keys(self) -> list[int]:
         """Buttons that are pressed now."""
@@ -122,7 +122,7 @@ class Gamepad:
 
 
 class GamepadTip:
-    """The tip that the sticks move, in its own axes but for its place; nothing moves unless the deadman is held."""
+    """The tip moved by the sticks, in its own axes except for its position; it moves only while the deadman is held."""
 
     def __init__(self, speed: float, turn: float) -> None:
         """With a stick at its end: m/s, rad/s."""
@@ -132,7 +132,7 @@ class GamepadTip:
         self.gripper = OPEN_RAD
 
     def step(self, sticks: Sticks, passed_s: float) -> Array:
-        """Its pose (7,) so much later."""
+        """Its pose (7,) after this time."""
         self.gripper = OPEN_RAD * (1.0 - self._pull(sticks))
         if DEADMAN not in sticks.keys:
             self.twist[...] = 0.0

@@ -26,7 +26,7 @@ HELD = "hold the left bumper to move, right trigger: gripper, B: clutch, X: came
 
 
 def evdev() -> Any:
-    """The package; Problem when it is not there."""
+    """The package; Problem if it is not installed."""
     try:
         return importlib.import_module("evdev")
     except ImportError:

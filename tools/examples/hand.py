@@ -100,7 +100,7 @@ class Hand(Closable):
             self._pinch_ns = self._teleop.ring.stamp_ns + PINCHED_NS
 
     def holds(self) -> bool:
-        """Hold the tip while it follows, let go of it while it does not; True: it was held before, too."""
+        """Hold the tip while it follows, release it otherwise; True: it was held before, too."""
         follows, held = self.follows(), self._holds
         if follows and not held:
             self.take()
@@ -109,12 +109,12 @@ class Hand(Closable):
         return held and self._holds
 
     def take(self) -> None:
-        """Hold the tip firmly where it is."""
+        """Hold the tip firmly at its position."""
         self.place = np.array(self._seen.value("local_measured_cp"))
         self._holds = self._post("pull_tip", (*self.place, *FIRMLY), self.master)
 
     def draw(self, offset: Array) -> None:
-        """Pull the tip to `offset` (3,) m, in the axes of the master's base, from where it was taken."""
+        """Pull the tip to `offset` (3,) m, in the axes of the master's base, from the position where it was taken."""
         pose = self.place.copy()
         pose[:3] += offset
         self._post("pull_tip", pose, self.master)
@@ -133,7 +133,7 @@ class Hand(Closable):
         return True
 
     def close(self) -> None:
-        """Let go, leave the pedals."""
+        """Release the tip and the pedals."""
         self._post("release_tip", (), self.master)
         for pedal in self._pedals:
             self._post("press", (0.0,), pedal)

@@ -32,7 +32,7 @@ class SeenRecord:
         self.ring = directory.reader(system, name, "state", kind)
 
     def value(self, field: str) -> Any:
-        """A field of the newest record as Python has it; Problem: there is none."""
+        """A field of the newest record as a Python value; Problem: there is none."""
         if not self.ring.newest():
             raise Problem(f"{self.name}: its state cannot be read: {self.ring.problem or 'it has shown none'}")
         return plain(self.ring.field(field))
@@ -101,7 +101,7 @@ class OperatorSim(Closable):
                 pause(POLL_S)
 
     def try_all(self) -> list[str]:
-        """Have every teleoperation follow for once, then those that did before; the names of all that followed."""
+        """Make every teleoperation follow once, then those that did before; the names of all that followed."""
         before, found = self.chosen, {teleop.name for teleop in self.expected()}
         for teleop in self.teleops:
             if teleop.kind == "PSM" and teleop.name not in found:
@@ -132,7 +132,7 @@ def seats(system: str) -> Iterator[list[OperatorSim]]:
 
 
 class Sway:
-    """A master without a robot, moved by its joints all the time: each swings about where it was."""
+    """A master without a robot, moved by its joints all the time: each swings about its initial position."""
 
     def __init__(self, system: str, master: str) -> None:
         """Every joint has a phase of its own."""
@@ -145,11 +145,11 @@ class Sway:
         self._client = Client(system, master)
 
     def step(self, passed_s: float) -> None:
-        """Where it is so long after the beginning; it sets out from where it was."""
+        """Its position this long after the beginning; it starts from the initial one."""
         swing = np.sin(2.0 * np.pi / SWAY_S * passed_s + self._phases) - np.sin(self._phases)
         self._client.poll()
         self._client.send("servo_jp", self._centre + SWAY_RAD * min(1.0, passed_s) * swing)
 
     def close(self) -> None:
-        """Let go."""
+        """Stop moving it."""
         self._client.close()

@@ -37,7 +37,7 @@ class Moment:
 
 
 class Recording:
-    """All rows of a file, and anything in between."""
+    """All rows of a file, and interpolation between them."""
 
     def __init__(self, times: Array, poses: Array, gripper: Array | None, buttons: dict[str, Array]) -> None:
         """Times (n,) from 0 on, growing, poses (n, 7), gripper (n,) rad, buttons (n,) 0 or 1."""
@@ -45,7 +45,7 @@ class Recording:
 
     @property
     def seconds(self) -> float:
-        """How long it lasts."""
+        """Its duration."""
         return float(self.times[-1])
 
     def at(self, seconds: float, pace: float = 1.0) -> Moment:

@@ -55,7 +55,7 @@ def shared_id(boards: Sequence[FoundBoard]) -> str:
 
 
 def serial_of(data: bytes, kind: str) -> str:
-    """`FPGA 1234-56` up to the first byte that is no text, without its kind; empty for anything else."""
+    """`FPGA 1234-56` up to the first byte that is not text, without its kind; empty for other content."""
     text = data.split(b"\xff")[0].split(b"\0")[0].decode("ascii", "replace")
     return text.removeprefix(f"{kind} ") if text.startswith(f"{kind} ") else ""
 

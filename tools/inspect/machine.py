@@ -53,7 +53,7 @@ class MachineFinding:
 
 
 def findings() -> Iterator[MachineFinding]:
-    """All of them; takes a good second, in which the processors are watched."""
+    """All of them; takes a good second, in which the processors are measured."""
     yield kernel()
     yield compiled(library().why)
     yield rights(obtained())
@@ -69,7 +69,7 @@ def findings() -> Iterator[MachineFinding]:
 
 
 def kernel(root: Path = Path("/")) -> MachineFinding:
-    """Which it is, and whether it is a real-time one."""
+    """The kernel's version, and whether it is a real-time one."""
     release = platform.release()
     if _text(root / "sys/kernel/realtime") == "1":
         return MachineFinding("kernel", OK, f"{release}, real-time (PREEMPT_RT)")
@@ -105,7 +105,7 @@ def rights(words: str) -> MachineFinding:
 
 
 def cores(count: int) -> MachineFinding:
-    """How many we may use."""
+    """Number of cores that we may use."""
     found = f"{count} to use"
     if count >= GOOD_CORES:
         return MachineFinding("cores", OK, found)
@@ -115,7 +115,7 @@ def cores(count: int) -> MachineFinding:
 
 
 def governor(root: Path = Path("/")) -> MachineFinding:
-    """Whether the cores slow down when they have little to do, which makes them late when they are needed."""
+    """Whether idle cores lower their clock rate, which delays them when they are needed."""
     files = sorted((root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"))
     names = sorted({_text(file) for file in files})
     if not names:
@@ -153,7 +153,7 @@ def state_folder(environ: Mapping[str, str]) -> MachineFinding:
 
 
 def open_files(soft: int, hard: int) -> MachineFinding:
-    """How many a process may have open: the recorder and bridges open every ring."""
+    """Maximum number of open files per process: the recorder and bridges open every ring."""
     wrong, mend = shortage(soft, hard)
     return MachineFinding("open files", BAD if wrong else OK, wrong or f"{raised(soft, hard)} for each process", mend)
 

@@ -1,4 +1,4 @@
-"""Events and commands as people read them: one line each, with the time of day, the same in every verb."""
+"""Events and commands in lines for people, with the time of day, the same in every verb."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ALL: Final = 1 << 16  # records: more than any ring has
 
 
 def time_of_day(local_ns: int) -> str:
-    """Local time: 20:50:01.123; a dash when there is none."""
+    """Local time: 20:50:01.123; a dash if unknown."""
     return datetime.fromtimestamp(local_ns * 1e-9).time().isoformat("milliseconds") if local_ns > 0 else "–"
 
 
@@ -70,7 +70,7 @@ def line(row: Mapping[str, Any]) -> str:
 
 
 def asked_rows(system: str, instance: str | None, most: int) -> tuple[list[dict[str, Any]], int]:
-    """The newest `most` commands to all processes, or to one, oldest first, and how many are older.
+    """The newest `most` commands to all processes, or to one, oldest first, and the number of older ones.
 
     Problem: the process takes no commands, or the system is down.
     """

@@ -1,4 +1,4 @@
-"""How the processes of a system are doing, from their control pages and the supervisor's record."""
+"""State of the processes of a system, from their control pages and the supervisor's record."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LOOK_AGAIN_S = 0.02
 PACED = (IN_TIME - {SUPERVISOR}) | {FILTERS}
 SLOW = 2.0  # times its period, on the average: its results are then not as designed
 TRIES = 5
-RECENT_S = 10.0  # so long after a restart of its own accord a process is not yet well
+RECENT_S = 10.0  # for this long after an automatic restart a process does not count as well
 KEPT = 20  # endings of one instance; the supervisor keeps its last 256 changes of all
 ALL = 1 << 16  # records: more than any ring has
 NOT_ATTACHED, DETACHED = "NOT ATTACHED", "DETACHED"
@@ -110,15 +110,15 @@ class ProcessStatus:
     after: tuple[str, ...] = ()
     """Processes that it needs."""
     host: str = ""
-    """The process that it is part of."""
+    """The host process that contains it."""
     restarted_s: float | None = None
-    """So long ago it was started again after it had ended by itself; None: it was not, or RECENT_S and more ago."""
+    """Time since its automatic restart after it had ended by itself; None: none, or RECENT_S and more ago."""
     lives: bool = True
-    """Its process is there; if not, all that is known of it is `silent_s` old."""
+    """Its process exists; if not, all data about it is `silent_s` old."""
 
     @property
     def typed(self) -> str:
-        """The name that a person types to start or restart it, and for its log."""
+        """The name to type for starting or restarting it, and for its log."""
         return self.host or self.name
 
     @property

@@ -70,7 +70,7 @@ _STATUS: Final[dict[str, tuple[Flag, ...]]] = {
 
 
 def address_name(address: int) -> str:
-    """Name of a register, `ENCODER:2` for one of axis 2; its number where it has none."""
+    """Name of a register, `ENCODER:2` for one of axis 2; its number if it has no name."""
     channel, offset = address >> 4, address & 0xF
     if address in _BOARD_NAMES:
         return _BOARD_NAMES[address]
@@ -152,7 +152,7 @@ def control_words(value: int) -> str:
 
 
 def celsius(word: int, hardware: str) -> list[float | None]:
-    """Temperatures of the amplifiers by pairs, °C; None where there is no good one."""
+    """Temperatures of the amplifiers by pairs, °C; None for an invalid one."""
     shifts = {"QLA1": (8, 0), "DQLA": (8, 0, 24, 16)}.get(hardware, ())
     raw = [word >> shift & 0xFF for shift in shifts]
     return [None if x == registers.TEMPERATURE_INVALID else x * registers.TEMPERATURE_C_PER_BIT for x in raw]

@@ -23,13 +23,13 @@ def is_replay(info: dict[str, Any]) -> bool:
 
 
 def recorded_clock(system: str) -> str:
-    """The clock of the recording that is shown as `system`; empty: it is no replay."""
+    """The clock of the recording shown as `system`; empty: not a replay."""
     with contextlib.suppress(SegmentError), Segment(segment_name(system, SUPERVISOR, "control")) as page:
         return str(page.header.info.get("clock", "")) if is_replay(page.header.info) else ""
     return ""
 
 
 def clock_in_words(system: str, time: SystemTime) -> str:
-    """Which clock a system has, and how fast it is."""
+    """The clock of a system, and its speed."""
     recorded = recorded_clock(system)
     return f"{recorded}, as recorded" if recorded else speed_in_words(time)

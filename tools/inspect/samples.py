@@ -1,4 +1,4 @@
-"""One board's real-time block as values a person can read: for `trocar bus watch`."""
+"""One board's real-time block as readable values: for `trocar bus watch`."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def layout(board: FoundBoard) -> blocks.Layout:
 
 
 def take(desk: BusClient, board: FoundBoard) -> BoardSample:
-    """Sample a board once: a block read and a register read, which change nothing but its sample timer."""
+    """Sample a board once: a block read and a register read, which only affect its sample timer."""
     shape = layout(board)
     words = desk.block(board.board, registers.REAL_TIME, shape.read_quads)
     return sample_of(board, words, desk.read(board.board, registers.WATCHDOG))

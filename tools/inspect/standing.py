@@ -36,7 +36,7 @@ from trocar.tools.systems.processes import SUPERVISOR, commissioning
 
 FAULT, ON, OFF = "FAULT", "teleoperation on", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
-NEVER = "–"  # has shown nothing yet
+NEVER = "–"  # nothing published yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
 
@@ -65,7 +65,7 @@ class Standing:
 
     @property
     def is_between(self) -> bool:
-        """It is not homed, and on the way to another state: POWERING, HOMING."""
+        """It is not homed, and changing to another state: POWERING, HOMING."""
         return self.homed is False and " " in self.state
 
     @property

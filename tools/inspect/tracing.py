@@ -110,7 +110,7 @@ class Trace:
             column.collect()
 
     def figures(self) -> dict[str, float]:
-        """Following error and latency so far, while the slave followed; NaN: it never did."""
+        """Following error and latency so far, while the slave followed; NaN: it never followed."""
         stamp, following, sent, masters, goals = self._teleop.all()
         at, valid, measured = self._slave.all()
         new = (following > 0) & (sent == stamp)

@@ -1,4 +1,4 @@
-"""An arm as others see it: its state record, its last words, and its amplifiers."""
+"""An arm from outside: its state record, its last messages, and its amplifiers."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ FRESH_S = 0.2  # an older record does not show the present state
 
 
 def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
-    """The arms of a system, or those wanted of them; Problem when one is not there."""
+    """The arms of a system, or the requested ones; Problem if one does not exist."""
     return _among(instances_of_kind(system, "arm"), wanted)
 
 
 def powered_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
-    """All that is powered and homed, arms and setup joints, or those wanted of them."""
+    """All powered and homed components, arms and setup joints, or the requested ones."""
     return _among([*instances_of_kind(system, "arm"), *instances_of_kind(system, "suj")], wanted)
 
 
@@ -49,7 +49,7 @@ def arm_document(system: str, name: str) -> ArmConfig:
 
 
 def arm_type(system: str, name: str) -> str:
-    """The type of an arm; "": it is none."""
+    """The type of an arm; "": not an arm."""
     return next((arm.type for arm in document_of(system).arms if arm.name == name), "")
 
 
@@ -62,7 +62,7 @@ def document_of(system: str) -> SystemConfig:
 
 
 def tool_on(system: str, watch: Watch) -> Tool | None:
-    """The instrument that is on, as the configuration describes it; None: none is on, or it is not described."""
+    """The inserted instrument, as described in the configuration; None: none, or not described."""
     arm, name = arm_document(system, watch.name), watch.text("tool")
     known = arm.tools + ((arm.tool,) if arm.tool is not None else ())
     return next((tool for tool in known if name and tool.name == name), None)
@@ -95,7 +95,7 @@ class Watch(Closable):
         return float(self.reader.field(field))
 
     def look(self) -> bool:
-        """Read the newest record; False when there is none, or none is whole."""
+        """Read the newest record; False if there is none, or none is whole."""
         return self.reader.newest()
 
     def problem(self) -> str:
@@ -139,7 +139,7 @@ class Watch(Closable):
         self._since = self._events.head
 
     def last_error(self) -> str:
-        """Text of the newest error, else warning, since we attached (or `forget_errors`); empty: there was none."""
+        """Text of the newest error, else warning, since we attached (or `forget_errors`); empty: none."""
         kept: NDArray[Any] = self._events.last(1024)
         ours = kept[kept["sequence"] > self._since]
         for event in (b"error", b"warning"):

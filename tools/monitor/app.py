@@ -26,9 +26,9 @@ from trocar.tools.output.printing import printable, span
 PAGES: tuple[type[InspectorPage], ...] = (ProcessesPage, TopicsPage, ValuesPage, EventsPage, ArmsPage, CommandsPage)
 TICK_S = 0.1
 HEAD_S = 1.0
-"""The lines above are read so often."""
+"""Interval for reading the header."""
 RESUMED_S = 0.3
-"""After a pause (Ctrl-Z) the terminal is ours again, and empty, after so long."""
+"""Time after a pause (Ctrl-Z) when the terminal is ours again, and empty."""
 WRONG = (SegmentError, RingError, Problem, OSError, ValueError)
 """Possible exceptions if a system goes down during a look, or has invalid content."""
 
@@ -43,7 +43,7 @@ class _Read:
 
 
 class InspectorApp(App[None]):
-    """Everything of one system, until a person leaves."""
+    """The full-screen monitor of one system, until the person quits."""
 
     CSS = """
     Screen { layout: vertical; }
@@ -93,7 +93,7 @@ class InspectorApp(App[None]):
         yield Footer(show_command_palette=False)
 
     async def on_mount(self) -> None:
-        """Look at once, then again and again."""
+        """Look at once, then periodically."""
         self.page.table.focus()
         self.app_resume_signal.subscribe(self, lambda _: self.set_timer(RESUMED_S, self.action_redraw))
         await self._tick()
@@ -224,7 +224,7 @@ class InspectorApp(App[None]):
         self.action_page((self._at + by) % len(PAGES) + 1)
 
     async def on_event(self, event: events.Event) -> None:
-        """Keys, as everybody gets them; but for those that a person types behind `/`."""
+        """Handle events as usual, except keys typed behind `/`."""
         if self._is_typing and isinstance(event, events.Key | events.Paste) and not event.is_forwarded:
             if isinstance(event, events.Paste):
                 self._search_for(self.page.words + event.text.partition("\n")[0])
@@ -252,7 +252,7 @@ class InspectorApp(App[None]):
         self._show_head()
 
     def action_forget(self) -> None:
-        """Everything again."""
+        """End the search: show all rows again."""
         self._search_for("")
 
     def action_freeze(self) -> None:

@@ -47,7 +47,7 @@ class RingRows(Generic[R]):
 
     @property
     def names(self) -> list[str]:
-        """The processes that have such a ring."""
+        """The processes with such a ring."""
         return sorted(name for name, _ in self._rings)
 
     @property
@@ -77,7 +77,7 @@ class RingRows(Generic[R]):
 
 @dataclass(frozen=True, slots=True)
 class EventRow:
-    """One event; `severity` is "" where it is no message."""
+    """One event; `severity` is "" if it is not a message."""
 
     order: int
     at: str

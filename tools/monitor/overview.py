@@ -59,7 +59,7 @@ class Overview:
 
     @property
     def is_well(self) -> bool:
-        """Nothing has to be done first."""
+        """No step is required."""
         return self.lives and not first_thing(self.processes, self.standings)
 
 

@@ -22,7 +22,7 @@ class ProcessRow:
 
     @property
     def state(self) -> str:
-        """In words, with how long it is silent where it is."""
+        """In words, with the duration of a silence."""
         if self.status.problem in ("dead", "stalled", "silent"):
             return f"{self.status.problem} {span(self.status.silent_s)}"
         return self.status.state

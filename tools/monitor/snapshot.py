@@ -1,4 +1,4 @@
-"""Everything that the monitor shows, as one document or as text: for programs, pipes and mails."""
+"""All data of the monitor, as one document or as text: for programs, pipes and mails."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trocar.tools.monitor.values import open_values
 from trocar.tools.output.printing import number, span, table, tell
 
 WINDOW_S = 0.4
-"""Rates and shares of a core are of so long."""
+"""Window for rates and shares of a core."""
 EVENTS, COMMANDS = 200, 100
 EVENTS_SHOWN, COMMANDS_SHOWN = 8, 8
 
@@ -37,7 +37,7 @@ class Sight:
 
 
 def snapshot(system: str) -> Sight:
-    """Look at everything once; takes as long as rates need."""
+    """Look at everything once; takes as long as the rates need."""
     processes = ProcessesData()
     with closing(TopicsData(system)) as topics, closing(events_of(system)) as events, \
             closing(commands_of(system)) as asked:

@@ -17,7 +17,7 @@ from trocar.shm.time.system_time import SystemTime
 OLD_S = 0.5
 """A record of a topic with a rate is old from here on, and from ten of its periods."""
 WINDOW_NS = 2_000_000_000
-"""Rates are of so long."""
+"""Window for rates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class TopicRow:
 
     @property
     def is_old(self) -> bool:
-        """Nothing of it is of now."""
+        """It has no current data."""
         if self.problem or self.age_s is None:
             return True
         return self.nominal_hz is not None and self.age_s > max(OLD_S, 10.0 / self.nominal_hz)
@@ -83,7 +83,7 @@ class _Watched:
 
 
 def missing(stamps: NDArray[np.int64]) -> int:
-    """How many records are missing between these, going by the spacing that most of them have."""
+    """Number of records missing between these, based on their usual spacing."""
     gaps = np.diff(stamps)
     usual = float(np.median(gaps)) if len(gaps) > 2 else 0.0
     return int(np.maximum(0.0, np.round(gaps / usual) - 1.0).sum()) if usual > 0.0 else 0

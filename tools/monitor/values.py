@@ -93,7 +93,7 @@ class ValuesData:
                       self.is_wanted)
 
     def newest(self) -> dict[str, Any] | None:
-        """The newest record as JSON knows it; None: there is none."""
+        """The newest record in JSON types; None: there is none."""
         return self._source.as_dict() if self._source.newest() else None
 
     def _resolve(self) -> None:
@@ -150,7 +150,7 @@ class ValuesData:
 
 
 def shown_value(value: Any) -> str:
-    """One value as a person reads it."""
+    """One value in readable form."""
     if value is None:
         return "–"
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""Fields that a person names, and their values as CSV: a column for each cell, named by its path."""
+"""Fields given by name, and their values as CSV: a column for each cell, named by its path."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ColumnsFile:
         self._writer.writerow(names)
 
     def row(self, values: Sequence[Any]) -> None:
-        """One, out at once."""
+        """One row, flushed at once."""
         if self._is_terminal:
             values = [printable(value) if isinstance(value, str) else value for value in values]
         self._writer.writerow(["" if value is None else value for value in values])
@@ -48,7 +48,7 @@ class ColumnsFile:
 
 @contextlib.contextmanager
 def columns_file(file: str, names: Sequence[str]) -> Iterator[ColumnsFile]:
-    """CSV in `file`, `-`: on our output; Problem where it cannot be written."""
+    """CSV in `file`, `-`: on our output; Problem if it cannot be written."""
     if file == STDOUT:
         yield ColumnsFile(sys.stdout, names)
         return
@@ -61,7 +61,7 @@ def columns_file(file: str, names: Sequence[str]) -> Iterator[ColumnsFile]:
 
 
 def values_of(cells: Sequence[FieldCells], record: NDArray[Any]) -> list[Any]:
-    """The values of one record (1,), as JSON knows them; None where it is not valid."""
+    """The values of one record (1,), in JSON types; None for invalid ones."""
     found: list[Any] = []
     for each in cells:
         good = bool(each.valid(record)[0])

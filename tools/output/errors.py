@@ -10,7 +10,7 @@ class Problem(Exception):
 
 
 class PlaceTaken(Problem):
-    """Another program has the place, and keeps it until it is ended: waiting is no help."""
+    """Another program has the place, and keeps it until it is ended: waiting does not help."""
 
 
 class Misuse(Exception):
@@ -22,15 +22,15 @@ class Clipped(UserWarning):
 
 
 class Short(UserWarning):
-    """A move is over, and a joint is not where it was sent."""
+    """A move is over, and a joint is not at its goal."""
 
 
 class NotThere(Problem):
-    """A system that is up has nothing of this name, so that waiting does not help."""
+    """A running system has no component of this name, so that waiting does not help."""
 
 
 class Disconnected(Problem):
-    """The connection to a robot on another machine is gone, or an object is closed; it is to be made again."""
+    """The connection to a robot on another machine is gone, or an object is closed; connect again."""
 
 
 class Refused(Problem):
@@ -47,7 +47,7 @@ class _Closed:
         self._what = what
 
     def close(self) -> None:
-        """It is closed already."""
+        """No effect: it is already closed."""
 
     def __getattr__(self, name: str) -> NoReturn:
         raise Disconnected(f"{self._what} is closed; make it again")

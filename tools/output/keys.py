@@ -1,4 +1,4 @@
-"""Keys that a person presses while a verb shows something."""
+"""Key presses while a verb shows data."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ SLOW_NS, NOW_AND_THEN_NS, LINES_NS = 2_000_000_000, 5_000_000_000, 10_000_000_00
 Say = Callable[[str, float | None], None]
 REPLACED = "\ufffd"
 PIPED = 120
-"""Columns where there is no terminal."""
+"""Columns without a terminal."""
 
 
 def printable(text: str, keep: str = "\n\t") -> str:
@@ -32,7 +32,7 @@ def printable(text: str, keep: str = "\n\t") -> str:
 
 
 def tell(text: str, *, flush: bool = False, indent: str | None = "") -> None:
-    """A line, or some, for a person; a terminal gets them broken between words, and all but the first ones indented.
+    """Lines for a person; on a terminal broken between words, with all but the first ones indented.
 
     `indent` None: not broken, as a command that a person copies.
     """
@@ -98,7 +98,7 @@ def note(text: str) -> None:
 
 
 class LiveLine:
-    """A line on a terminal's error stream that is written over again and again; elsewhere a line now and then."""
+    """A line on a terminal's error stream that is overwritten repeatedly; elsewhere an occasional line."""
 
     def __init__(self) -> None:
         self._is_terminal, self._next_ns = sys.stderr.isatty(), 0
@@ -170,12 +170,12 @@ def progress(what: str) -> Iterator[Say]:
 
 
 def number(value: float | None, form: str = ".1f") -> str:
-    """A number for a table; a dash when there is none."""
+    """A number for a table; a dash if unknown."""
     return "–" if value is None or not math.isfinite(value) else format(value, form)
 
 
 def span(seconds: float | None) -> str:
-    """A time as people read it: 0.3 s, 12 s, 4 min, 3 h."""
+    """A duration in readable form: 0.3 s, 12 s, 4 min, 3 h."""
     if seconds is None:
         return "–"
     if seconds < 9.95:

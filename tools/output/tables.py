@@ -8,7 +8,7 @@ from typing import Final
 
 GAP: Final = "  "
 READABLE: Final = 20
-"""Letters a line that a text has at least, where there is room beside the first column."""
+"""Minimum number of characters a line of a text, if there is room beside the first column."""
 
 
 def wrapped(text: str, within: int, indent: str = "") -> list[str]:

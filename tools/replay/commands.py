@@ -47,7 +47,7 @@ class RecordedCommand:
 
 
 def commands_of(recording: RecordingReader) -> list[RecordedCommand]:
-    """All of persons, in the order of their instants. Problem where the recording has no numbers of commands."""
+    """All commands of persons, in the order of their instants. Problem if the recording has no numbers of commands."""
     ours, found = _processes(recording), []
     for topic in recording.record_topics:
         row = recording.topics[topic]

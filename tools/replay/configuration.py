@@ -14,7 +14,7 @@ LOOPBACK: Final = ("udp:127.", "udpfw:127.")
 
 
 def recorded_system(recording: RecordingReader) -> SystemConfig:
-    """The configuration that was recorded; Problem where there is none, or it cannot be read."""
+    """The recorded configuration; Problem if there is none, or it cannot be read."""
     name = recording.path.name
     if not recording.document:
         raise Problem(f"{name} has no configuration: only its setpoints can be sent (trocar replay without --fresh)")

@@ -49,11 +49,11 @@ class RecordedMotion:
 
 
 class NoMotion(Problem):
-    """An arm did nothing in a recording that could be sent again."""
+    """An arm has no motion in the recording that could be sent again."""
 
 
 def motion_of(recording: RecordingReader, arm: str, part: Stretch) -> RecordedMotion:
-    """Its first stretch of being homed in `part`; NoMotion where there is none, Problem where it cannot be sent."""
+    """Its first homed stretch in `part`; NoMotion if there is none, Problem if it cannot be sent."""
     topic = f"{arm}/state"
     if topic not in recording.record_topics or not spans(recording, [topic]):
         raise NoMotion(f"{recording.path.name} has no {topic}")
@@ -78,7 +78,7 @@ def motion_of(recording: RecordingReader, arm: str, part: Stretch) -> RecordedMo
 
 def motions_of(recording: RecordingReader, arms: Sequence[str],
                part: Stretch) -> tuple[list[RecordedMotion], dict[str, str]]:
-    """Those that there are, and why there is none of the other arms."""
+    """All existing ones, and the reasons why the other arms have none."""
     found, left_out = [], {}
     for arm in arms:
         try:
@@ -109,7 +109,7 @@ class ArmReplay:
 
     def __init__(self, system: str, motion: RecordedMotion, time: SystemTime, whole: Origin,
                  held: contextlib.ExitStack) -> None:
-        """Open it, until the end of `held`. Problem where it is not homed, or another arm than the one recorded."""
+        """Open it, until the end of `held`. Problem if it is not homed, or another arm than the recorded one."""
         self.motion, name = motion, motion.arm
         self.watch = watch = held.enter_context(Watch(system, name))
         if not watch.look() or watch.state != "ENABLED" or not watch.homed:
@@ -125,7 +125,7 @@ class ArmReplay:
         self.samples = 0
 
     def jaw_at(self, stamps: Array) -> Array | None:
-        """Its jaw at other stamps (n,); None: there is none to move."""
+        """Its jaw at other stamps (n,); None: it has no jaw to move."""
         return self.motion.at(stamps, self.motion.jaw)[:, 0] if self.has_jaw and self.motion.jaw is not None else None
 
     def compare(self, recorded: Array) -> None:

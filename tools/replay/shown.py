@@ -43,7 +43,7 @@ LATE_NS: Final = 100_000_000
 
 @dataclass(slots=True)
 class ReplayedTopic:
-    """One ring that is written: its records, and how far it is."""
+    """One ring being written: its records, and the progress."""
 
     name: str
     rows: NDArray[Any]
@@ -59,10 +59,10 @@ class ReplayedTopic:
 
 
 class Showing(Closable):
-    """The system that is shown; a context manager that leaves nothing behind, however it ends."""
+    """The system shown; a context manager that removes everything at any end."""
 
     def __init__(self, system: str, recording: RecordingReader, topics: Sequence[str], part: Stretch) -> None:
-        """Make it; Problem where there is one of that name, or nothing to show."""
+        """Make it; Problem if there is one of that name, or no data to show."""
         if names_of(system) or names_of(system, foreign=True):
             raise Problem(f"system {system} is there already; --as gives another name")
         self.system, self.topics, self._pages = system, list[ReplayedTopic](), list[ControlPage]()

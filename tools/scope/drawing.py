@@ -1,4 +1,4 @@
-"""Plots of plain text: braille dots, or ASCII where the terminal knows no others. Pure."""
+"""Plots in plain text: braille dots, or ASCII if the terminal has no others. Pure."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def axis_line(first: float, last: float, *, width: int = 80, ascii_only: bool = 
 
 
 def sparkline(values: Numbers, width: int) -> str:
-    """The newest `width` values as a line of small bars; blank where there is none."""
+    """The newest `width` values as a line of small bars; blank without values."""
     shown = values[-width:] if width else values[:0]
     good = shown[np.isfinite(shown)]
     if not len(good):

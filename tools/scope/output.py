@@ -65,7 +65,7 @@ def lost(capture: Capture) -> int:
 
 
 def write_csv(capture: Capture, file: str) -> None:
-    """A row for each stamp; empty where a ring has no record of that stamp."""
+    """A row for each stamp; empty if a ring has no record of that stamp."""
     every, stamps = list(series_of(capture)), stamps_in_all(capture)
     columns: list[list[Any]] = []
     for each in every:
@@ -120,7 +120,7 @@ def remarks(capture: Capture) -> Iterator[str]:
 
 
 def write_png(capture: Capture, file: str, title: str) -> None:
-    """A figure with one plot for each unit; Problem without matplotlib, or where it cannot be written."""
+    """A figure with one plot for each unit; Problem without matplotlib, or if it cannot be written."""
     try:
         from matplotlib.figure import Figure
     except ImportError:

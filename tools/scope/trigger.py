@@ -112,7 +112,7 @@ class _LeafState:
 
 
 class Trigger:
-    """One condition, fed with the records of the rings that it is about."""
+    """One condition, fed with the records of its rings."""
 
     def __init__(self, condition: Condition, tests: Sequence[tuple[Leaf, dict[str, Test]]], rates: Mapping[str, float]
                  ) -> None:
@@ -141,7 +141,7 @@ class Trigger:
         horizon = np.iinfo(np.int64).max if to_end or not moving else min(moving)
         parts = [leaf.sorted() for leaf in self._leaves]
         looked = [stamps[stamps <= horizon] for stamps, _ in parts]
-        # An event is over right after it: two of them are two moments.
+        # An event is over right after its stamp: two of them are two triggers.
         looked += [stamps[flags & (stamps <= horizon)] + 1 for leaf, (stamps, flags) in zip(
             self._leaves, parts, strict=True) if leaf.is_event]
         grid = np.unique(np.concatenate(looked))

@@ -62,12 +62,12 @@ class RingWindow:
 
     @property
     def gone(self) -> str:
-        """Its writer, where that is no more."""
+        """Its writer, if that has ended."""
         return self._reader.gone
 
     @property
     def rate_hz(self) -> float:
-        """At which it is written; 0: on events."""
+        """Rate of its records; 0: on events."""
         rate = self._reader.info.get("rate_hz", 0.0)
         return float(rate) if isinstance(rate, int | float) else 0.0
 

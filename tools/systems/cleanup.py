@@ -37,7 +37,7 @@ def await_end(child: subprocess.Popen[bytes] | subprocess.Popen[str], patience_s
 
 
 class Keeper(Closable):
-    """The process beside us, for one system and maybe a folder; a context manager."""
+    """The cleanup process beside ours, for one system and maybe a folder; a context manager."""
 
     def __init__(self, system: str, folder: Path | None = None) -> None:
         """Start it, in a session of its own: a signal to our process group does not end it."""
@@ -47,7 +47,7 @@ class Keeper(Closable):
                                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
 
     def close(self) -> None:
-        """Nothing is left: it may go."""
+        """No cleanup needed: the process may end."""
         assert self._child.stdin is not None
         with contextlib.suppress(BrokenPipeError):
             self._child.stdin.write(FINE)

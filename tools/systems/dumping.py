@@ -80,7 +80,7 @@ def _status(system: str) -> tuple[list[tuple[str, str, bytes]], list[str]]:
 
 
 def dump_by_time(system: str, word: str, reason: str, say: Say) -> Dumped:
-    """The same into a file among the system's recordings, WORD-TIME.mcap, or WORD-TIME-2.mcap where that is there."""
+    """The same into a file among the system's recordings, WORD-TIME.mcap, or WORD-TIME-2.mcap if that exists."""
     folder, time = folder_of(system), names.utc(local_ns())
     if folder.is_relative_to(log_folder(os.environ, system)):
         made_log_folder(os.environ, system)

@@ -33,7 +33,7 @@ def environment() -> dict[str, str]:
 
 
 def system_file(file: Path, path: Sequence[Path] = ()) -> Path:
-    """A system file as a person names it, also along `--path` and in configs/; Problem when there is none."""
+    """A system file by name, also along `--path` and in configs/; Problem if there is none."""
     found = given_file(file, path)
     if not found.exists():
         raise Problem(f"{file}: {not_found(file, path)}")
@@ -81,7 +81,7 @@ def orphaned(system: str) -> str:
 
 
 def those_up(known: Iterable[str]) -> list[str]:
-    """Those of some systems that a living supervisor holds: a look at the page of each, one at /proc for all."""
+    """Systems with a live supervisor: reads the page of each, and /proc once for all."""
     names = sorted(known)
     paged = {system for system in names if _as_its_page_says(system)}
     listed = _as_listed(running()) if len(paged) < len(names) else {}
@@ -89,7 +89,7 @@ def those_up(known: Iterable[str]) -> list[str]:
 
 
 def all_up() -> list[str]:
-    """The systems of this machine that are up and that we may look at."""
+    """The running systems of this machine that we may read."""
     return those_up(_permitted())
 
 

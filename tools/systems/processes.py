@@ -57,7 +57,7 @@ class ParentProcess:
 
 
 def parent_of(pid: int) -> ParentProcess | None:
-    """The parent of a process; None where there is none any more, or we may not look."""
+    """The parent of a process; None if it has ended, or we may not look."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text()
         parent = int(text.rsplit(")", 1)[1].split()[1])

@@ -55,7 +55,7 @@ class Report:
     """One archive in the making."""
 
     def __init__(self, system: str, file: Path) -> None:
-        """A new file; OSError where it cannot be made."""
+        """A new file; OSError if it cannot be made."""
         self.system, self.files, self.problems = system, dict[str, int](), list[str]()
         self._folder = file.name.removesuffix(".tar.gz")
         self._mtime = local_ns() // 1_000_000_000
@@ -88,7 +88,7 @@ class Report:
         return entry
 
     def close(self) -> None:
-        """It is whole now."""
+        """Complete the archive."""
         self._tar.close()
         self._stream.close()
 
@@ -99,7 +99,7 @@ def system_meant(name: str | None) -> str:
 
 
 def report(system: str, file: Path, most: int, say: Say) -> Reported:
-    """Pack it; `most`: bytes of recordings, the newest first. OSError where the archive cannot be written."""
+    """Pack it; `most`: bytes of recordings, the newest first. OSError if the archive cannot be written."""
     made = Report(system, file)
     try:
         document = _document(system)

@@ -1,4 +1,4 @@
-"""Starting a supervisor from outside: it is a module to us, not an import."""
+"""Starting a supervisor from outside: a module for the command line, not an import."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def refuse_taken(system: str) -> None:
 
 
 def refuse_shortage() -> None:
-    """Problem where a system could not open its files: a supervisor can only raise the soft limit."""
+    """Problem if a system could not open its files: a supervisor can only raise the soft limit."""
     wrong, mend = shortage(*resource.getrlimit(resource.RLIMIT_NOFILE))
     if wrong:
         raise Problem(f"{wrong}; first: {mend}")

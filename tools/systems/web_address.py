@@ -1,4 +1,4 @@
-"""Where the web console of a system is, and a port for the one of a system that is about to start."""
+"""Address of a system's web console, and a free port for the console of a new system."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TRIES: Final = 100
 
 
 def web_addresses(system: str) -> list[str]:
-    """Of a system that is up, with the token where one was made at its start; none without a console."""
+    """Addresses in a running system, with the token if one was made at its start; none without a console."""
     gui, token = from_json(directory.document(system)).gui, ""
     if gui is None:
         return []

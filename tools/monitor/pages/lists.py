@@ -227,7 +227,7 @@ class CommandsPage(InspectorPage):
 
     @property
     def remark(self) -> str:
-        """How many are under way."""
+        """Number of commands under way."""
         count = sum(row.outcome == UNDER_WAY for row in self.read_once or ())
         return f"{count} under way" if count else "none under way"
 
@@ -246,7 +246,7 @@ class CommandsPage(InspectorPage):
         return TableRow(f"{row.key} {row.outcome} {row.order}", row.cells, "", ((3, outcomes.get(row.outcome, "")),))
 
     def about(self, row: AskedRow) -> list[str]:
-        """The whole of it."""
+        """The whole command."""
         outcome = ACCEPTED if row.outcome == UNDER_WAY else row.outcome
         return [f"{row.at} {row.who}: {row.command}: {outcome}, for {row.whose}",
                 f"reason: {row.reason}" if row.reason else ""]

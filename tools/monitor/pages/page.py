@@ -113,7 +113,7 @@ class InspectorPage(Vertical):
         self.show_details()
 
     def clear(self) -> None:
-        """Nothing: there is no system."""
+        """Empty: there is no system."""
         self.read_once = None
         self.table.show([])
         self._tell("")
@@ -134,7 +134,7 @@ class InspectorPage(Vertical):
         self._tell("\n".join(lines))
 
     def again(self) -> None:
-        """Show the same once more: another search, another theme."""
+        """Show the same data again: after another search or theme."""
         if self.read_once is not None:
             self.show(self.read_once)
 

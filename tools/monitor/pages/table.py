@@ -1,4 +1,4 @@
-"""A table that changes in place: only cells that became others are drawn again, the cursor stays where it was."""
+"""A table that changes in place: only changed cells are redrawn, and the cursor keeps its position."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class LiveTable(DataTable[Text]):
         self._laid_out = 0
 
     def show(self, rows: Sequence[TableRow], *, at_end: bool = False) -> None:
-        """These rows, in this order. `at_end`: the cursor stays on the last row while it is there."""
+        """Show these rows, in this order. `at_end`: a cursor on the last row stays on the last row."""
         self._lay_out()
         made = [(row.key, row.texts(self._all, self._widths)) for row in rows]
         if [(key, _height(texts)) for key, texts in made] != [(key, _height(texts)) for key, texts in self._shown]:
@@ -87,7 +87,7 @@ class LiveTable(DataTable[Text]):
 
     @property
     def key(self) -> str:
-        """Which row the cursor is on; empty: there is none."""
+        """The row under the cursor; empty: none."""
         at = self.cursor_row
         return self._shown[at][0] if 0 <= at < len(self._shown) else ""
 

@@ -48,7 +48,7 @@ class ValuesPage(InspectorPage):
         self._opened: dict[str, set[str]] = {}
 
     def open(self, system: str) -> None:
-        """Which system it is; a topic is attached to when it is chosen."""
+        """Set the system; a topic is attached when it is selected."""
         self._system = system
 
     def choose_from(self, entries: list[TopicEntry]) -> None:
