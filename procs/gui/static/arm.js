@@ -17,7 +17,7 @@ const shownSpeed = () => {
   document.getElementById("jog-shown").textContent = units() === "deg" ? `${(speed() * FULL.turns * 57.2958).toFixed(1)} °/s, ${(speed() * FULL.slides * 1000).toFixed(1)} mm/s` : `${(speed() * FULL.turns).toFixed(2)} rad/s, ${(speed() * FULL.slides).toFixed(3)} m/s`;
 };
 
-// Whether what a flag of the record stands for is measured now; if not, that is said beside the button.
+// Whether the value behind a flag of the record is measured now; if not, a note appears beside the button.
 export function isMeasured(flag, button) {
   const age = sourceAge(state);
   if (age !== null && age < 1 && value(`${state}.${flag}`)) return true;
@@ -54,7 +54,7 @@ function goal() {
 
 export const stage = () => document.querySelector(".stage")?.stage;
 
-// Where the arm would be, as a green shape; null, and said, where it cannot be.
+// The arm's preview as a green shape; null, with a note, if the pose is out of reach.
 export async function previewed(wanted, says) {
   const [outcome, answer] = await ask({ op: "preview", arm, ...wanted });
   const found = outcome === "done" ? JSON.parse(answer) : null;

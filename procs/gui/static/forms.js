@@ -2,7 +2,7 @@
 import { asked, call, confirmed, hasControl, note, onTick, perform, send, value } from "./live.js";
 import { perUnit, typed, unit, units } from "./units.js";
 
-// What a person typed, as the number that is sent; null where it is none, or too much.
+// The typed text as the number to send; null if it is not a number, or too large.
 function number(input, slides) {
   const v = typed(input.value);
   const { low, high } = input.dataset;
@@ -25,7 +25,7 @@ export function made(id) {
 
 const chosen = (form) => form.querySelector("select")?.selectedOptions[0]?.dataset.slides === "p";
 
-// The values of a form; null, and said beside the button, where one is wrong.
+// The values of a form; null, with a note beside the button, if one is invalid.
 export function values(form, button) {
   const found = [];
   for (const input of form.querySelectorAll("[data-arg]")) {
@@ -48,7 +48,7 @@ async function flip(button) {
   perform(button, JSON.parse(on ? button.dataset.stepsOff : button.dataset.stepsOn));
 }
 
-// What is at `data-now`, as it would be typed; nothing that is not known.
+// The values at `data-now`, as they would be typed; unknown ones are left out.
 function read(form, button) {
   const inputs = [...form.querySelectorAll("[data-now]")];
   if (inputs.some(({ dataset }) => dataset.valid && !value(dataset.valid))) return note(button, "bad", "Where it is is not known now.");
@@ -93,7 +93,7 @@ document.addEventListener("pointerdown", (event) => {
 });
 document.addEventListener("contextmenu", (event) => event.target.closest("button[data-hold]") && event.preventDefault());
 for (const name of ["pointerup", "pointercancel", "visibilitychange", "pagehide"]) window.addEventListener(name, letGo, true);
-window.addEventListener("blur", letGo); // of the window, not of what had the focus before
+window.addEventListener("blur", letGo); // of the window, not of the previously focused element
 
 document.addEventListener("click", (event) => {
   const button = event.target.closest("button");

@@ -1,5 +1,5 @@
 // One connection a page: data come in one message a tick, commands go out, answers are shown where one pressed.
-// Elements say what they show by attributes, see procs/gui/pages/parts.py.
+// Attributes define the content of elements, see procs/gui/pages/parts.py.
 import { turns } from "./pose.js";
 import { onUnits, turnUnits, unit, units } from "./units.js";
 
@@ -11,7 +11,7 @@ let you = false;
 let holder = "";
 let lastTick = 0;
 let tick = 0; // the number of the newest one
-let refused = ""; // why the server has ended the connection, where it said so
+let refused = ""; // the server's reason for ending the connection, if it gave one
 let number = 0;
 const waiting = new Map(); // commands without an end
 const listeners = []; // called after each tick
@@ -110,7 +110,7 @@ function wants() {
   const found = new Set([...document.querySelectorAll("[data-wants]")].flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
   for (const name of ["live", "show", "on", "source", "valid"])
     for (const element of document.querySelectorAll(`[data-${name}]`)) found.add(name === "source" ? element.dataset.source : sourceOf(element.dataset[name]));
-  // A page that shows nothing hears at least that it is connected, and who has control.
+  // A page without data is at least informed that it is connected, and which page has control.
   return found.size ? [...found].sort() : ["messages"];
 }
 
@@ -122,7 +122,7 @@ function want() {
   say({ op: "want", sources: list });
 }
 
-// What a person wishes goes with the newest tick that the page has heard: who gets it knows how old it is at most.
+// A request carries the newest tick that the page has received, which tells the server its maximum age.
 const WISHES = ["beat", "jog", "call"];
 const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(WISHES.includes(message.op) ? { ...message, tick } : message));
 
@@ -150,7 +150,7 @@ function connect() {
   };
 }
 
-// Where we are not let in: is it that another token is needed now? Then the page that asks for it.
+// If we are refused: is another token needed now? Then open the page that requests it.
 async function askAgain() {
   const answer = await fetch(import.meta.url, { method: "HEAD", cache: "no-store" }).catch(() => null);
   if (answer?.status === 401) location.reload();
@@ -161,7 +161,7 @@ function heed(message) {
     lastTick = performance.now();
     if (run && run !== message.run) location.reload(); // another server: this page is none of its own
     run = message.run;
-    // Who goes from page to page in one tab keeps control, unless somebody else has taken it meanwhile.
+    // A person who changes pages in one tab keeps control, unless another page has taken it meanwhile.
     const left = Number(sessionStorage.getItem("control") || 0);
     sessionStorage.removeItem("control");
     if (Date.now() - left < 5000) say({ op: "control", take: true });
@@ -306,7 +306,7 @@ document.addEventListener("click", (event) => {
   else if (button.dataset.does === "theme") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
 });
 
-// A held jog: said every 50 ms while it is pressed; the arm ends it by itself 0.1 s after the last time.
+// A held jog: sent every 50 ms while pressed; the arm ends it by itself 0.1 s after the last message.
 let jog = null; // { button, timer, isOver }
 function jogEnds() {
   if (!jog) return;
@@ -318,7 +318,7 @@ export function jogBegins(button, make) {
   jogEnds();
   if (!you) return note(button, "bad", "Take control first: this page only looks.");
   const mine = { button, isOver: false };
-  // Each has its answer: what is refused, by a fault for one, is seen where one presses, and does not go on when it is over.
+  // Each has its answer: a refusal, for example by a fault, is shown at the button, and ends the jog.
   const heardOf = (outcome, text) => {
     if (GOOD.includes(outcome) || mine.isOver) return;
     mine.isOver = true;
@@ -337,10 +337,10 @@ export function jogBegins(button, make) {
   push();
 }
 for (const name of ["pointerup", "pointercancel", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
-window.addEventListener("blur", jogEnds); // of the window: what had the focus before the button loses it, too
+window.addEventListener("blur", jogEnds); // of the window: the element focused before the button loses its focus, too
 document.addEventListener("visibilitychange", () => (jogEnds(), want()));
 
-// Who goes from page to page is there until now: that is said, as what ends without anybody in control counts from it.
+// A person who changes pages was present until now: report that, as timeouts without a page in control count from it.
 window.addEventListener("pagehide", () => you && say({ op: "beat" }));
 window.addEventListener("pagehide", () => you && sessionStorage.setItem("control", String(Date.now())));
 
@@ -362,7 +362,7 @@ function theme(name) {
   document.documentElement.style.colorScheme = name;
 }
 
-// --- messages: a list, made anew when it changes
+// --- messages: a list, rebuilt when it changes
 
 export const cell = (tag, text, className = "") => Object.assign(document.createElement(tag), { textContent: text, className });
 

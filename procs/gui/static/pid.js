@@ -87,7 +87,7 @@ at("apply").addEventListener("click", (event) => apply(event.currentTarget));
 at("discard").addEventListener("click", discard);
 at("all-gains").addEventListener("click", () => page.classList.toggle("all"));
 
-// A file that cannot be made says why, instead of a page that is none.
+// If a file cannot be made, show the reason instead of an invalid page.
 at("save").addEventListener("click", async (event) => {
   event.preventDefault();
   const link = event.currentTarget;
@@ -195,14 +195,14 @@ let isStopped = false;
 // The setpoint after our step; null where the arm was asked for anything else.
 async function stepped() {
   for (let k = 0; k < 20 && !isOurs(request()); k++) await sleep(50);
-  await sleep(100); // what is shown by now is no older than the step
+  await sleep(100); // the display is now at least as new as the step
   return isOurs(request()) ? setpoint() : null;
 }
 
 // Of a stream only its first row is written: this one, or that of a step before.
 const isOurs = (row) => row?.command === "servo_jr" && row.program === "gui" && row.outcome !== "refused";
 
-// Why nobody may go on with the step; empty: all is as it was after its first half.
+// Why the step must not continue; empty: all is unchanged since its first half.
 function meanwhile(before) {
   const row = request();
   const on = page.querySelector("[data-switch]").dataset.switch;

@@ -55,7 +55,7 @@ function take() {
     const found = data(`plot:${signal.name}`);
     if (!found?.t || found === signal.seen) continue;
     signal.seen = found;
-    // Nothing while it is paused, however long that is, but for what was before of a signal that is added meanwhile.
+    // Nothing during a pause of any length, except the history of a signal added meanwhile.
     if (isPaused && signal.t.length) {
       signal.isCut = true;
       continue;
@@ -63,7 +63,7 @@ function take() {
     if (signal.isCut && found.t.length) {
       signal.isCut = false;
       signal.t.push(found.t[0]);
-      signal.v.push(null); // no line across what was left out
+      signal.v.push(null); // no line across a gap
     }
     for (let i = 0; i < found.t.length; i++) {
       signal.t.push(found.t[i]);

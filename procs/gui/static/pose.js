@@ -1,4 +1,4 @@
-// Orientations as people say them: turns about x, then y, then z, axes that stay as they are (R = Rz Ry Rx), rad.
+// Orientations for people: rotations about the fixed axes x, then y, then z (R = Rz Ry Rx), rad.
 export function turns([x, y, z, w]) {
   const sine = Math.max(-1, Math.min(1, 2 * (w * y - z * x)));
   if (Math.abs(sine) > 1 - 1e-9) return [2 * Math.atan2(x, w), (Math.sign(sine) * Math.PI) / 2, 0]; // x and z turn alike

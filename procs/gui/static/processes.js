@@ -4,7 +4,7 @@ import { cell, data, onTick } from "./live.js";
 const shownOr = (v, digits) => (typeof v === "number" && v > 0 ? v.toFixed(digits) : "–");
 let chosen = location.hash.slice(1);
 
-// What stands in a row behind its name.
+// The cells of a row after its name.
 const texts = (row) => [
   row.kind, row.state.toLowerCase(), shownOr(row.rate_hz, 0), shownOr(row.period_p99_ms, 2), shownOr(row.work_p99_ms, 2), String(row.missed),
   row.cpu === null ? "–" : row.cpu.toFixed(0), shownOr(row.memory_mb, 0), String(row.restarts ?? 0), row.error || row.exit_reason || row.policy || "",
@@ -19,7 +19,7 @@ function made(row) {
   return found;
 }
 
-// The row that is there is changed, not made anew: it may have the keyboard's focus.
+// The existing row is changed, not rebuilt: it may have the keyboard's focus.
 function line(body, row) {
   let found = body.querySelector(`[data-name="${CSS.escape(row.name)}"]`);
   if (!found) body.append((found = made(row)));
@@ -44,7 +44,7 @@ function log() {
   if (!at("log")) return;
   at("log-card").hidden = !chosen;
   if (!chosen) {
-    delete at("log").dataset.wants; // nobody sees it: nothing is read
+    delete at("log").dataset.wants; // it is hidden: nothing is read
     delete at("log-card").dataset.source;
     return;
   }

@@ -8,7 +8,7 @@ const NEAR = "#ff9f1c";
 const TRAIL = 200;
 const RAIL_TOP = new THREE.Vector3(0, 0.065, -0.46);
 const UP = new THREE.Vector3(0, 1, 0);
-const MARGIN = 1.12; // around what the camera is to show
+const MARGIN = 1.12; // around the camera's objects
 const NEAREST = 0.5; // m
 
 const pose = (frames, i, position, turn) => {
@@ -112,7 +112,7 @@ class ArmModel {
       this.rail.quaternion.copy(this.carriage.quaternion);
       this.rail.position.copy(this.at[0]);
     }
-    const isKnown = arm.valid !== false && arm.state !== "DISABLED"; // else it may stand elsewhere
+    const isKnown = arm.valid !== false && arm.state !== "DISABLED"; // else its pose is unknown
     this.body.color.set(arm.late ? GREY : arm.state === "FAULT" ? FAULT : isKnown ? this.colour : GREY);
     if (this.trail) this.draw(this.tip.position);
   }
@@ -172,7 +172,7 @@ class SetupModel {
   }
 }
 
-// What setup arms hang on: a column with its foot, up to where the highest of them begins.
+// The carrier of setup arms: a column with its foot, up to the base of the highest arm.
 function column(setups) {
   const top = Math.max(...setups.flatMap((setup) => setup.at.slice(0, 3).map((at) => at.z)));
   const paint = new THREE.MeshStandardMaterial({ color: "#7c8a98", roughness: 0.7 });
@@ -182,7 +182,7 @@ function column(setups) {
   return made;
 }
 
-// How the frame that poses are told in stands in the room, z up: that of an endoscope looks down, the operator's ahead.
+// Orientation of the poses' frame in the room, z up: an endoscope's frame looks down, the operator's ahead.
 function rooted(frame) {
   const matrix = new THREE.Matrix4();
   if (frame === "HRSV") return matrix.makeRotationX(Math.PI / 2);
@@ -341,14 +341,14 @@ export default {
         model.group.matrixWorldNeedsUpdate = true;
       }
       this.shown = (this.shown || 0) + 1;
-      if (this.shown === 3) { // by then each arm stands on the one that carries its frame
+      if (this.shown === 3) { // by then each arm is placed on the one that carries its frame
         this.place();
         this.look("all");
         this.isPlaced = true;
       }
       this.later();
     },
-    // Carts stand in the frame "Cart", which arms that hang on them are told in.
+    // Carts are in the frame "Cart", the reference of the arms mounted on them.
     carts(found) {
       for (const [cart, arms] of Object.entries(found || {})) {
         const isNew = !this.setups[cart] && Object.keys(arms).length;
@@ -360,19 +360,19 @@ export default {
         this.scene.add(...this.stands);
       }
     },
-    // What is to be seen of some models, and of the carts.
+    // Points of some models, and of the carts, that must be visible.
     points(wanted, whole) {
       this.scene.updateMatrixWorld(true);
       const found = [];
       for (const setups of whole ? Object.values(this.setups) : []) {
-        found.push(new THREE.Vector3(0, 0, 0)); // where its column stands
+        found.push(new THREE.Vector3(0, 0, 0)); // position of its column
         for (const setup of Object.values(setups)) found.push(...setup.at);
       }
       for (const model of Object.values(this.models).filter(wanted))
         for (const at of model.isRemote && model.size ? [...model.at, RAIL_TOP.clone().applyMatrix4(model.rail.matrix)] : model.at) found.push(at.clone().applyMatrix4(model.group.matrixWorld));
       return found;
     },
-    // Masters stand beside the patient's side: nobody says where the console is in the room.
+    // Masters are placed beside the patient's side: the console's position in the room is unknown.
     place() {
       const [masters, others] = [true, false].map((are) => new THREE.Box3().setFromPoints(this.points((model) => (model.type === "MTM") === are)));
       if (masters.isEmpty() || others.isEmpty()) return;
@@ -390,7 +390,7 @@ export default {
       this.grid.position.z = facing < 0 ? -0.002 : box.min.z - 0.03; // the floor, as far as one knows
       const from = { all: facing < 0 ? [0.7, 1.1, 0.35] : [0.35, -1.2, 0.45], masters: [-0.9, -1.1, 0.6], side: [1, 0, 0.05], top: [0, -0.02, 1], front: [0, -facing, 0.15] };
       const ecm = Object.values(this.models).find((model) => model.type === "ECM") || Object.values(this.models).find((model) => model.type === "PSM");
-      // What the endoscope sees, from a little behind: neither itself, nor the masters, nor the cart.
+      // The endoscope's view, from slightly behind: without itself, the masters and the cart.
       for (const part of this.stands || []) part.visible = view !== "operator";
       for (const model of Object.values(this.models)) model.isHidden = view === "operator" && ["ECM", "MTM"].includes(model.type);
       const tips = Object.values(this.models).filter((model) => model.type === "PSM" && model.size).map((model) => model.tip.getWorldPosition(new THREE.Vector3()));

@@ -1,4 +1,4 @@
-// Poses as people type them: where the tip is to go, seen before it moves; where the base stands.
+// Poses as typed: goals of the tip, with a preview before the motion; poses of the base.
 import { arm, isMeasured, previewed, stage, state } from "./arm.js";
 import { asked, fixed, note, onTick, value } from "./live.js";
 import { quaternion, turns } from "./pose.js";

@@ -27,7 +27,7 @@ export class Trace {
     if (over > KEPT / 4) for (const column of [this.t, ...this.v]) column.splice(0, over);
   }
 
-  // `chosen`: numbers of signals; `factor`, `unit`: from rad or m to what is shown.
+  // `chosen`: numbers of signals; `factor`, `unit`: from rad or m to the displayed unit.
   draw(chosen, span, factor, unit, effort) {
     const { canvas } = this;
     const ratio = devicePixelRatio || 1;
@@ -76,7 +76,7 @@ export class Trace {
       paint.fillText((low * scale).toFixed(digits), left - 5, bottom);
       for (const k of [...lines].reverse()) {
         paint.strokeStyle = colour(COLOURS[k]);
-        paint.lineWidth = k % 2 && lines.length > 1 ? 5 : 2; // what is asked for below what is measured: both are seen
+        paint.lineWidth = k % 2 && lines.length > 1 ? 5 : 2; // the setpoint below the measured value: both are visible
         paint.beginPath();
         let before = -Infinity;
         for (let i = first; i < this.t.length; i += each) {

@@ -1,6 +1,6 @@
-// Numbers as people see and type them: in degrees and mm, or in rad and m. What is typed keeps its meaning where that changes.
+// Numbers as shown and typed: in degrees and mm, or in rad and m. A typed value is converted when the unit changes.
 const stored = () => localStorage.getItem("units") || "deg";
-let used = stored(); // by this page, until it has converted what is typed: other tabs change what is stored
+let used = stored(); // by this page, until it has converted the typed values: other tabs change the stored unit
 const followers = [];
 
 export const units = () => used;
@@ -15,7 +15,7 @@ export function typed(text) {
   return text.trim() && Number.isFinite(found) ? found : null;
 }
 
-// Whether what is typed is a length. "joint": as what is chosen in its form moves.
+// Whether the typed value is a length. "joint": by the type of the joint chosen in its form.
 function isLength(input) {
   const kind = input.dataset.typed || input.dataset.arg.split("-")[1] || "joint";
   const chosen = kind === "joint" && input.closest("[data-form]")?.querySelector("select");
