@@ -235,7 +235,7 @@ def of_type(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
 
 
 def row_of(given: Mapping[str, Any]) -> CommandRow:
-    """A row as a mailbox lists it, with any content: a row without an effect may have any effect."""
+    """A row as a mailbox lists it, with any content: a missing or unknown effect counts as the worst one."""
     arguments = given.get("arguments")
     words = given.get("effect_of_words")
     name, doc, text, stream = (str(given.get(key, "")) for key in ("name", "doc", "text", "stream"))

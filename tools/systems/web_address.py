@@ -21,7 +21,7 @@ def web_addresses(system: str) -> list[str]:
     if gui is None:
         return []
     if gui.makes_token:
-        with contextlib.suppress(OSError):  # another user's file, which stays with that user
+        with contextlib.suppress(OSError):  # another user's file: its owner has the token
             token = token_file(os.environ, system).read_text().strip()
     return gui.links(token, socket.gethostname())
 

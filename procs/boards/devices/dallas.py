@@ -86,7 +86,7 @@ class Dallas:
     def power_up(self) -> None:
         """The FPGA is reconfigured: at rest, and an instrument stays in its place."""
         self.enabled = False  # it drives digital output 3
-        self._chip = b""  # the device that answers, until `_silent_from`
+        self._chip = b""  # memory of the answering chip, until `_silent_from`
         self._silent_from = 0
         self._pointer = 0
         self._family, self._rise, self._reset, self._byte, self._probing = 0, 0xFF, 0, 0, False
