@@ -1,4 +1,4 @@
-"""`trocar bench deaths`: every row of "Who may die" (docs/architecture.md) killed and stopped, and the times of the
+"""`trocar bench deaths`: every row of "Failure modes" (docs/architecture.md) killed and stopped, and the times of the
 effects.
 
 Three systems on the wall clock, one after the other: an arm and a lens on emulated boards; a master, a slave on setup
