@@ -90,7 +90,7 @@ def test_a_host_gets_the_same_bits_from_controllers_of_every_kind(seed: int, mix
     for number in range(len(mix)):
         desk.write(reg.STATUS, reg.CONTROL_POWER_ON | reg.CONTROL_RELAY_ON, number)
     x, top = rng.uniform(-1e3, 1e3, bus.encoders.slots), VALID | ON
-    mask, hub_bytes = (1 << len(mix)) - 1, 4 * (sum(model.read_quads + 1 for model in models) + 1)
+    mask, hub_bytes = (1 << len(mix)) - 1, 4 * (sum(model.layout.read_quads + 1 for model in models) + 1)
     for _ in range(12):
         bus.step(desk.tick)
         curve = curve_from(x, 10 * MS, rng)
@@ -116,7 +116,7 @@ def group_of(model: Model, top: int, control: int, rng: np.random.Generator) -> 
     words = [top | int(value) for value in rng.integers(0, 1 << 16, model.hardware.motors)]
     if model.firmware == 7:
         return [*(word | model.board_id << reg.DAC_BOARD_SHIFT for word in words), control]
-    return [model.board_id << 8 | model.write_quads, *words, control]
+    return [model.board_id << 8 | model.layout.write_quads, *words, control]
 
 
 @pytest.mark.usefixtures("both_ways")

@@ -23,7 +23,7 @@ BLINK: Recipe = {
 '''),),
     "procs/arm/settings.py": (
         ('            "crtk_version": ', '            "body/set_blinking": ArmCommandRow(self._blink),\n'),
-        ("    def _set_ratio(self", '''    def _blink(self, request: Request) -> str:
+        ("    def _set_ratios(self", '''    def _blink(self, request: Request) -> str:
         return f"blinks {request.values[0]:g}"
 
 '''),

@@ -68,7 +68,7 @@ def shifted(pose: Any, *shift: float) -> Any:
 def test_every_word_of_a_psm(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     noted = Noted(monkeypatch, Instance, trocar.Arm, trocar.Psm, trocar.Jaw, Measured, Setpoint, Frame, Body, Local,
                   trocar.MoveHandle)
-    monkeypatch.setattr("trocar.tools.client.record.FRESH_S", SECONDS)  # a busy machine computes late what is wanted
+    monkeypatch.setattr("trocar.tools.client.shared.FRESH_S", SECONDS)  # a busy machine computes late what is wanted
     robot.up(SYSTEMS / "kinematic.yaml", *LOCKSTEP)
     with trocar.psm("PSM1", robot.name) as psm:
         states(psm)
