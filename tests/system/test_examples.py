@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.simulated]  # paced, as everything w
 
 SHELL = f'trocar() {{ "{sys.executable}" -P -m trocar "$@"; }}\n'  # what the script of that name does
 ENDLESS_S = 4.0  # from their first words on those are watched that go on until Ctrl-C
-ENDLESS = re.compile(r"trocar (echo (?!.*(--once|-n ))|bus watch (?!.*--once)|replay .*--as)")
+ENDLESS = re.compile(r"trocar (echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
 # Those that start a system, or end one; and what needs a process of a user's own.
 ALONE = re.compile(r"trocar (demo|bench|commission|up|down|set|replay)\b")
 # Tests of their own have bench, commission and set: test_bench_system.py, test_commission.py, test_user_process.py.
