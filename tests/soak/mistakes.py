@@ -55,7 +55,7 @@ EQUIVALENT = {
     ("procs/console/goovis.py", "if self._file >= 0:", "if self._file >= 1:"): "descriptor 0 is the standard input's",
     ("procs/io/pid.py", "self._dead = bool(np.any(outer > 0.0))", "self._dead = bool(np.any(outer != 0.0))"):
         "no file may have a dead-band below 0",
-    ("procs/suj/joints.py", "self._reported = reported", "pass"): "what is shown is written again as it is",
+    ("procs/suj/joints.py", "self._reported = shown", "pass"): "what is shown is written again as it is",
     ("procs/teleop/teleoperation.py", "self._first_offset = self.offset", "pass"): "begin sets it before it is read",
     ("procs/suj/setups.py", "self.changes += 1", "self.changes += 2"): "it is only compared with what it was",
 }
