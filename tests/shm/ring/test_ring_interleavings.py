@@ -15,7 +15,7 @@ from trocar.shm.ring.ring import HEAD
 W2, W3, W4 = "self._slot[ALL] = self._source  # W2", "words[self._at] = n  # W3", "words[HEAD] = n  # W4"
 VIOLATION = r"AssertionError|at the end"  # and not a mistake in the mutant's text
 PUBLISH = f"        {W2}\n        {W3}\n        {W4}\n"
-W1 = "words[self._at] = n + NEXT_BUSY  # W1 of the next, when readers have ours: it delays nobody"
+W1 = "words[self._at] = n + NEXT_BUSY  # W1 of the next record, after ours is out: delays no reader"
 NEWEST = "        self._target[ALL] = bytes(slot)  # R2\n        if self._words[at] == n >= self.sequence and n:  # R3"
 NEXT = "            self._target[ALL] = bytes(self._slot)  # R2\n            if words[at] == n:  # R3"
 AGAIN = "            if words[at] == n:  # R3\n                self.sequence = n\n                return True"
