@@ -17,6 +17,7 @@ from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.record import Flags
 from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots
+from trocar.procs.node import fault_report as faults
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.tables import codes
 
@@ -33,7 +34,7 @@ class Watchdogs:
         self._robots, self._port, self._reports = robots, port, reports
         self._counts = registers.watchdog_counts(robots.io.watchdog_s)
         self.unconfirmed: Flags = np.zeros(len(robots.board_ids), dtype=bool)
-        self._next_ns = FOR_EVER_NS
+        self._next_ns, self._tried = FOR_EVER_NS, -1
         self.write(np.ones(len(robots.board_ids), dtype=bool), now_ns)
 
     def write(self, rows: Flags, now_ns: int) -> None:
@@ -48,13 +49,14 @@ class Watchdogs:
             self._next_ns = now_ns + RETRY_NS
 
     def step(self, now_ns: int) -> None:
-        """Try the next unconfirmed board: one per call, as a try takes the cycle time."""
+        """Try the next unconfirmed board, in turn: one per call, as a try takes up to a cycle's time."""
         if now_ns < self._next_ns:
             return
         self._next_ns = now_ns + RETRY_NS
         answering = np.flatnonzero(self.unconfirmed & ~self._port.away)
         if len(answering):
-            self._try(int(answering[0]))
+            self._tried = int(next((row for row in answering if row > self._tried), answering[0]))
+            self._try(self._tried)
         if not self.unconfirmed.any():
             self._next_ns = FOR_EVER_NS
             self._reports.status("all boards have confirmed their watchdog period", self._robots.io.name)
@@ -62,8 +64,8 @@ class Watchdogs:
     def objection(self, robot: int) -> str:
         """Why a robot gets no power; empty: no reason."""
         rows = np.flatnonzero(self.unconfirmed & self._robots.on_board[robot]).tolist()
-        boards = ", ".join(str(self._robots.board_ids[row]) for row in rows)
-        return f"board {boards} has not confirmed its watchdog period" if rows else ""
+        boards = [self._robots.board_ids[row] for row in rows]
+        return f"watchdog period not confirmed by {faults.place('', boards=boards)}" if boards else ""
 
     def _try(self, row: int) -> bool:
         """True: the board has shown the period, or is away."""

@@ -15,13 +15,13 @@ COUNTS = 5760  # 30 ms
 
 
 class DeafPort(FakePort):
-    """Board 1 shows its own period, whatever is written, while it is `deaf`."""
+    """Boards that are `deaf` show a period of their own, whatever is written."""
 
-    deaf = True
+    deaf: tuple[int, ...] = (1,)
 
     def peek(self, board: int, address: int, quads: int = 1) -> np.ndarray:
         shown = super().peek(board, address, quads)
-        return shown - 1 if self.deaf and (board, address) == (1, registers.WATCHDOG) else shown
+        return shown - 1 if board in self.deaf and address == registers.WATCHDOG else shown
 
 
 def reported(harness: IoHarness) -> list[str]:
@@ -44,9 +44,9 @@ def test_a_board_that_returns_and_does_not_confirm_its_watchdog_gets_no_power(wo
     leave_and_return(harness, 1)
     assert reported(harness).count("watchdog-unconfirmed") == 1
     refused = harness.ask(word, *((1.0,) if word == "supply_on" else ()))
-    assert refused.outcome == "refused" and "board 1 has not confirmed its watchdog period" in refused.answers[-1][1]
+    assert refused.outcome == "refused" and "watchdog period not confirmed by board 1" in refused.answers[-1][1]
     assert not harness.record.power_requested[0]
-    harness.port.deaf = False
+    harness.port.deaf = ()
     harness.run(RETRY_NS // PERIOD_NS + 2)
     assert harness.ask(word, *((1.0,) if word == "supply_on" else ())).outcome in ("accepted", "done")
     assert harness.port.registers[1, registers.WATCHDOG] == COUNTS
@@ -68,3 +68,15 @@ def test_boards_that_do_not_confirm_are_reported_once_at_the_start() -> None:
         watchdogs.step(cycle * PERIOD_NS)
     assert [(event.code, event.board) for event in reports.events] == [("watchdog-unconfirmed", 1)]
     assert "board 1" in watchdogs.objection(0)
+
+
+def test_a_board_that_never_confirms_does_not_keep_others_from_it() -> None:
+    harness, reports = IoHarness(preset=True), IoReports()
+    port = DeafPort((0, 1))
+    port.deaf = (0, 1)
+    watchdogs = Watchdogs(Robots(harness.io), port, reports, 0)
+    assert watchdogs.objection(0) == "watchdog period not confirmed by boards 0, 1"
+    port.deaf = (0,)
+    for cycle in range(1, 3 * RETRY_NS // PERIOD_NS):
+        watchdogs.step(cycle * PERIOD_NS)
+    assert watchdogs.unconfirmed.tolist() == [True, False]
