@@ -172,7 +172,7 @@ def test_pedals_that_no_file_has_are_warnings(home: Home) -> None:
     home.edit(SYSTEM, "\ntrocar:", f"\nconsoles: [{row}]\ntrocar:")
     warnings = [found for found in home.load().warnings if found.key == "consoles[0].IO_pedals.IO_file"]
     for found, name in zip(warnings, ("clutch", "camera", "coag"), strict=True):
-        assert f"has no digital input {name}: nobody can press it" in found.text
+        assert f"has no digital input {name}: it cannot be pressed" in found.text
 
 
 CART = {"name": "SUJ", "type": "SUJ_Classic", "simulation": "KINEMATIC", "arm_file": "arms/SUJ-kinematic.yaml"}

@@ -115,7 +115,7 @@ def test_a_declared_one_is_a_process_of_the_system(home: Home) -> None:
 
 
 @pytest.mark.parametrize(("row", "key", "text"), [
-    ({"start": "always"}, "start", "nobody here starts it"),
+    ({"start": "always"}, "start", "it is started outside this system"),
     ({"module": "mine.py", "host": "lab"}, "host", "it is an arm, or has pedals"),
     ({"module": "mine.py", "topics": [{"name": "state", "fields": [{"name": "x"}]}]}, "topics[0].name",
      "this name is taken"),

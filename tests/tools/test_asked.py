@@ -54,7 +54,7 @@ def test_commands_of_all_processes_come_in_order_with_whose_they_are(system: str
         "PSM1: state_command home: accepted; for trocar home, number 4d2, generation 3",
         "PSM1: state_command home: done (HOMED); for trocar home, number 4d2, generation 3",
         "ECM: state_command home: refused (not authorized: needs an operator's command given after the last fault or "
-        "power-off); for nobody"]
+        "power-off); without an operator's command"]
     assert [row["process"] for row in asked_rows(system, "ECM", 20)[0]] == ["ECM"]
 
 

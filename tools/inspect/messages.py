@@ -16,6 +16,7 @@ from trocar.tools.output.printing import number, plain
 AUDIT: Final = "audit"
 MORE: Final = "…"
 ALL: Final = 1 << 16  # records: more than any ring has
+NO_ORIGIN: Final = "without an operator's command"
 
 
 def time_of_day(local_ns: int) -> str:
@@ -102,7 +103,7 @@ def asked_line(row: dict[str, Any]) -> str:
     words = (row["command"], row["text"], *(number(value, ".6g") for value in values))
     asked = " ".join(filter(None, words))
     why = f" ({row['reason']})" if row["reason"] else ""
-    whose = f"{row['program'] or 'a program'}, number {row['origin']:x}, generation {row['generation']}"
+    whose = f"for {row['program'] or 'a program'}, number {row['origin']:x}, generation {row['generation']}"
     through = f" by pid {row['pid']}" if row["pid"] else ""
     return (f"{time_of_day(row['local_ns'])}  {row['process']}: {asked}: {row['outcome']}{why}; "
-            f"{f'for {whose}' if row['origin'] else 'for nobody'}{through}")
+            f"{whose if row['origin'] else NO_ORIGIN}{through}")

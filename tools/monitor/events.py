@@ -144,7 +144,7 @@ def _audit_rings(system: str) -> Iterator[tuple[str, RingReader]]:
 
 def _asked_row(name: str, record: dict[str, Any]) -> AskedRow:
     row = {key: plain(value) for key, value in record.items()}
-    whose = str(row["program"]) or "a program" if row["origin"] else "nobody"
+    whose = str(row["program"]) or "a program" if row["origin"] else "no operator"
     through = f", pid {row['pid']}" if row["pid"] else ""
     return AskedRow((name, int(row["place"]), int(row["id"])), int(row["stamp_ns"]), int(row["monotonic_ns"]),
                     time_of_day(int(row["local_ns"])), name, f"{row['command']} {row['text']}".rstrip(),

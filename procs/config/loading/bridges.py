@@ -19,7 +19,7 @@ def load_ros(system: SystemFiles) -> RosBridge | None:
     may_power = here if options.may_power is None else options.may_power
     if not here:
         what = "see, command, power and home" if may_power else "see and command"
-        system.note(f"ros: whoever is on the network of {options.interface} may {what} the robot")
+        system.note(f"ros: every program on the network of {options.interface} may {what} the robot")
     return by_name(RosBridge, options, may_power=may_power)
 
 
@@ -78,7 +78,7 @@ def load_foxglove(system: SystemFiles) -> FoxgloveServer | None:
         if keys.tls is None:
             system.error(("trocar", "foxglove", "listen"), f"the network could read along at {keys.listen}",
                           "tls with certificate and key; or an address of this machine alone, 127.0.0.1:8765")
-        system.note(f"foxglove: whoever comes to {keys.listen} may look")
+        system.note(f"foxglove: every program that reaches {keys.listen} may view the robot")
     certificate, key, _ = _tls(system, "foxglove", keys.tls)
     return by_name(FoxgloveServer, keys, certificate=certificate, key=key)
 

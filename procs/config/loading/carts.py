@@ -206,7 +206,7 @@ class _CartLoader:
         clutches = [f"SUJ_clutch_{plug}" for plug in range(1, 5)]
         absent = [name for name in clutches + (["motor_up", "motor_down"] if lifts else []) if name not in inputs]
         if absent:
-            text = f"{file} has the buttons {', '.join(absent)}: nobody can press them"
+            text = f"{file} has the buttons {', '.join(absent)}: they cannot be pressed"
             self.system.warning(where, text, "digital inputs of these names")
 
     # -- Si ------------------------------------------------------------------------------------------------------------

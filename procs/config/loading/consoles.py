@@ -171,7 +171,7 @@ class _ConsoleLoader:
         if device is None or names is None:
             return None
         if name not in names:
-            text = f"{device.IO_file} has no digital input {name}: nobody can press it"
+            text = f"{device.IO_file} has no digital input {name}: it cannot be pressed"
             allowed = f"a file that has it; this one has {', '.join(names) or 'none'}"
             self.system.warning((*key, "IO_file"), text, allowed)
             return None

@@ -102,7 +102,7 @@ def _check_demand(system: SystemFiles, rows: tuple[document.Process, ...]) -> No
         if row.listen and (proc(row.kind).realtime or row.start == ELSEWHERE):
             system.error((*key, "listen"), "it takes no connections", "no address")
         if row.start == ELSEWHERE and system.own(row.name).start:
-            system.error((*key, "start"), "nobody here starts it", "a module, if the system is to start it")
+            system.error((*key, "start"), "it is started outside this system", "a module, if the system is to start it")
         for address in row.listen:
             if address in taken:
                 system.error((*key, "listen"), f"{taken[address]} listens at {address}", "one of its own")
