@@ -99,7 +99,7 @@ class DerivedArm(ArmLogic):
 
         def do(request: Request) -> str | None:
             try:
-                answer: Any = handler(*arguments_of(command, request))
+                answer: Any = handler(*arguments_of(command, request.values, request.text))
             except ValueError as why:
                 raise CommandRefused(str(why)) from None
             return None if answer is None else str(answer)

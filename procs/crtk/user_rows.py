@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,22 +26,6 @@ KIND = "user"
 VALUE = Argument("value, none of a text", low=-math.inf, high=math.inf, optional=True)
 KEPT = 64
 """Depth of the ring of properties."""
-
-
-class Asked(Protocol):
-    """A received command."""
-
-    @property
-    def name(self) -> str:
-        """The command's name."""
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """Its numbers."""
-
-    @property
-    def text(self) -> str:
-        """Its text."""
 
 
 def topics_of(process: UserProcess) -> tuple[Topic, ...]:
@@ -101,16 +85,16 @@ def _argument(field: UserField) -> Argument:
     return Argument(field.name, field.unit, math.prod(shape), low, high, whole=kind.kind != "f")
 
 
-def arguments_of(command: UserCommand, request: Asked) -> list[Any]:
+def arguments_of(command: UserCommand, values: NDArray[np.float64], text: str) -> list[Any]:
     """The arguments in their declared types: float, int, bool, text, or arrays; they must already be checked."""
     made: list[Any] = []
     at = 0
     for row in command.arguments:
         bare, shape = shape_of(row.type)
         if bare == "text":
-            made.append(request.text)
+            made.append(text)
             continue
-        part = request.values[at : at + math.prod(shape)]
+        part = values[at : at + math.prod(shape)]
         at += len(part)
         if shape:
             made.append(part.reshape(shape))

@@ -316,7 +316,7 @@ class UserNode:
             return self.carries_out(request)
         if why := request.command.objection(request.values):
             raise ValueError(f"{request.name}: {why}")
-        return handler_of(self, self.name, command)(*arguments_of(command, request))
+        return handler_of(self, self.name, command)(*arguments_of(command, request.values, request.text))
 
     def check_commands(self) -> None:
         """Raise ValueError if a declared command has no suitable handler."""
