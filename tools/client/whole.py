@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -20,7 +21,7 @@ WHOLE: Final = "system"
 WORDS: Final = {ENABLED: "power_on", HOMED: "home", DISABLED: "power_off"}
 
 
-class WholeSystem(Reporting):
+class WholeSystem(Reporting, ABC):
     """A running system; a context manager."""
 
     def __init__(self, ways: Ways) -> None:
@@ -41,8 +42,9 @@ class WholeSystem(Reporting):
         """Disable every arm."""
         self._bring(DISABLED, timeout)
 
+    @abstractmethod
     def _bring(self, goal: str, timeout: float) -> None:
-        raise NotImplementedError
+        """Bring every arm to this goal."""
 
     def set_volume(self, volume: float) -> None:
         """Of beeps and speech, 0 to 1."""

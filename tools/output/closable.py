@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Self
 
 
-class Closable:
+class Closable(ABC):
     """A context manager that is closed at its end."""
 
+    @abstractmethod
     def close(self) -> None:
         """Release all resources."""
-        raise NotImplementedError
 
     def __enter__(self) -> Self:
         return self
