@@ -15,16 +15,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
-from trocar.procs.document.process import Process
 from trocar.procs.tables import codes
 from trocar.procs.teleop.teleoperation import Start, waiting_for
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.shm.time.control_page import STATES
 from trocar.tools import cli
 from trocar.tools.client.bring_up import ArmBringUp
 from trocar.tools.inspect import standing
-from trocar.tools.inspect.processes import PAGE_GONE, SENTENCES, ProcessStatus, _problem
+from trocar.tools.inspect.processes import PAGE_GONE, ProcessStatus
 from trocar.tools.inspect.standing import Standing, first_thing, next_step
 
 APP = cli.build()
@@ -228,36 +226,6 @@ def test_a_process_that_was_restarted_just_now_is_not_well_yet() -> None:
     assert first_thing([dataclasses.replace(again, restarted_s=None)], []) == ""
 
 
-class SilentPage:
-    """A control page that shows an error, and no life."""
-
-    def get(self, name: str) -> Any:
-        return b"no sensor" if name == "error" else 0
-
-
-@pytest.mark.parametrize("state", STATES)
-@pytest.mark.parametrize("lives", [True, False])
-@pytest.mark.parametrize("kind", ["supervisor", "arm"])
-def test_each_state_of_a_process_has_its_words(state: str, lives: bool, kind: str) -> None:
-    page: Any = SilentPage()
-    problem = _problem(Process("force", kind, 0.0), state, lives, page, simulated=False, exit_reason="", lifecycle="")
-    assert problem.partition(":")[0] in {"", "no sensor", *SENTENCES}
-    assert bool(problem) >= (kind == "supervisor" and not lives), "it is never well without one"
-
-
-@pytest.mark.parametrize(("reason", "on_exit", "lifecycle", "problem"), [
-    ("exit code 0: its main has returned", "restart", "STOPPED", "not running: exit code 0: its main has returned"),
-    ("exit code 0: its main has returned", "stay-down", "STOPPED", ""),
-    ("exit code 4", "restart", "RUNNING", ""), ("stopped", "restart", "STOPPED", ""),
-    ("stopped: did not end within 3 s, killed", "restart", "STOPPED", ""), ("done", "restart", "STOPPED", ""),
-    ("", "restart", "STOPPED", ""), ("exit code 4", "restart", "RESTARTING", "")])
-def test_who_has_ended_by_itself_does_not_run_unless_its_row_lets_it_end(
-        reason: str, on_exit: str, lifecycle: str, problem: str) -> None:
-    page: Any = SilentPage()
-    row = Process("force", "user", 0.0, on_exit=on_exit)
-    assert _problem(row, "STOPPED", False, page, simulated=False, exit_reason=reason, lifecycle=lifecycle) == problem
-
-
 @pytest.mark.parametrize(("rows", "first"), [
     ([("PSM1", "CREATED", "RUNNING")], "PSM1 is not up yet; wait for it"),
     ([("PSM1", "STARTING", "RUNNING"), ("ECM", "RESTARTING", "RESTARTING")], "PSM1, ECM are not up yet; wait for it"),
@@ -404,12 +372,3 @@ def test_setup_joints_that_are_unknown_are_not_well(monkeypatch: pytest.MonkeyPa
     assert first_thing([], [one]).startswith("wait for SUJ: ENABLED, the joints of PSM1 are unknown")
     record["setup_valid"] = True
     assert first_thing([], [standing._setup_joints("s", process("SUJ", kind="suj"), reader)]) == ""
-
-
-@pytest.mark.parametrize(("kind", "period_s", "problem"), [
-    ("io", 0.00133, ""), ("arm", 0.004, "runs at 250 Hz instead of 1500"), ("user", 0.004, "")])
-def test_on_the_wall_clock_half_of_the_rate_is_not_well(kind: str, period_s: float, problem: str) -> None:
-    page = Mock(get={"error": b"", "period_avg": period_s, "heartbeat_ns": 0}.__getitem__)
-    row = Process("PSM1", kind, 1 / 1500)
-    assert _problem(row, "RUNNING", True, page, simulated=False, exit_reason="", lifecycle="RUNNING") == problem
-    assert not _problem(row, "RUNNING", True, page, simulated=True, exit_reason="", lifecycle="RUNNING")

@@ -1,0 +1,51 @@
+"""The problem that status shows of a process, by its control page and by what the supervisor knows of it."""
+
+from __future__ import annotations
+
+from typing import Any
+from unittest.mock import Mock
+
+import pytest
+
+from trocar.procs.document.process import Process
+from trocar.shm.time.control_page import STATES
+from trocar.tools.inspect.processes import SENTENCES, _problem
+
+
+class SilentPage:
+    """A control page that shows an error, and no life."""
+
+    def get(self, name: str) -> Any:
+        return b"no sensor" if name == "error" else 0
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("lives", [True, False])
+@pytest.mark.parametrize("kind", ["supervisor", "arm"])
+def test_each_state_of_a_process_has_its_words(state: str, lives: bool, kind: str) -> None:
+    page: Any = SilentPage()
+    problem = _problem(Process("force", kind, 0.0), state, lives, page, simulated=False, exit_reason="", lifecycle="")
+    assert problem.partition(":")[0] in {"", "no sensor", *SENTENCES}
+    assert bool(problem) >= (kind == "supervisor" and not lives), "it is never well without one"
+
+
+@pytest.mark.parametrize(("reason", "on_exit", "lifecycle", "problem"), [
+    ("exit code 0: its main has returned", "restart", "STOPPED", "not running: exit code 0: its main has returned"),
+    ("exit code 0: its main has returned", "stay-down", "STOPPED", ""),
+    ("exit code 4", "restart", "RUNNING", ""), ("stopped", "restart", "STOPPED", ""),
+    ("stopped: did not end within 3 s, killed", "restart", "STOPPED", ""), ("done", "restart", "STOPPED", ""),
+    ("", "restart", "STOPPED", ""), ("exit code 4", "restart", "RESTARTING", "")])
+def test_who_has_ended_by_itself_does_not_run_unless_its_row_lets_it_end(
+        reason: str, on_exit: str, lifecycle: str, problem: str) -> None:
+    page: Any = SilentPage()
+    row = Process("force", "user", 0.0, on_exit=on_exit)
+    assert _problem(row, "STOPPED", False, page, simulated=False, exit_reason=reason, lifecycle=lifecycle) == problem
+
+
+@pytest.mark.parametrize(("kind", "period_s", "problem"), [
+    ("io", 0.00133, ""), ("arm", 0.004, "runs at 250 Hz instead of 1500"), ("user", 0.004, "")])
+def test_on_the_wall_clock_half_of_the_rate_is_not_well(kind: str, period_s: float, problem: str) -> None:
+    page = Mock(get={"error": b"", "period_avg": period_s, "heartbeat_ns": 0}.__getitem__)
+    row = Process("PSM1", kind, 1 / 1500)
+    assert _problem(row, "RUNNING", True, page, simulated=False, exit_reason="", lifecycle="RUNNING") == problem
+    assert not _problem(row, "RUNNING", True, page, simulated=True, exit_reason="", lifecycle="RUNNING")
