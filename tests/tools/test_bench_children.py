@@ -37,8 +37,10 @@ def test_figures_are_medians_of_turns_and_ratios_of_turns_side_by_side() -> None
     for turn in turns:
         found.keep({"whole": turn}, "10 ")
     found.keep_ratios("ratio", (turns[1], turns[0]), (turns[1], turns[2]))
-    table = {"us_p50": ("10 whole", "p50", 1e3), "us_p99": ("10 whole", "p99", 1e3), "us_2": ("2 whole", "p50", 1e3)}
+    table = {"us_p50": ("10 whole", "p50", 1e3), "us_p99": ("10 whole", "p99", 1e3)}
     assert found.figures(table) == {"us_p50": 40.0, "us_p99": 120.0}
+    with pytest.raises(KeyError, match="2 whole"):
+        found.figures({"us_2": ("2 whole", "p50", 1e3)})
     assert found.ratios == {"ratio": [2.0, 4.0]} and found.span("10 whole") == (20.0, 80.0)
 
 

@@ -95,7 +95,8 @@ def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
             if NUMPY in teams:
                 found.keep_ratios("native_ratio", (turn(NUMPY)["paused"], eight["paused"]))
             before = after
-    figures = found.figures(FIGURES) | found.figures(COMPARED)
+    compared = {key: row for key, row in COMPARED.items() if NUMPY in teams or not key.endswith("_numpy")}
+    figures = found.figures(FIGURES | compared)
     conditions = {
         "boards": "10 (5 PSMs, 35 axes) and 2 (1 PSM, 7 axes); 8 (4 PSMs, 28 axes)",
         "state": "amplifiers on, every arm swinging",

@@ -262,7 +262,7 @@ def _each(system: str, deaths: tuple[Death, ...]) -> Iterator[Timed]:
             death.ready(system)
             begin = _strike(old := _pid(system, death.instance), how)
             wait_until(lambda death=death, old=old: _pid(system, death.instance, "RUNNING") not in (0, old),  # type: ignore[misc]
-                  f"{death.who} is back")
+                       f"{death.who} is back")
             over_s, effect = seconds_since(begin), death.effect
             rested[death.instance] = monotonic_ns() + REST_NS
             noticed_s = effect.since(system, begin) if effect is not None else None

@@ -63,7 +63,7 @@ AWAKE = ("io.spin_us=0", f"io.query_wait_us={WAIT_US}", "arm.period_s=0.002")
 """So that CPU time is work, except for that wait, and arms on numpy have enough time."""
 
 
-def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple[int, ...] = SIZES) -> dict[str, Any]:
+def run(window_s: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple[int, ...] = SIZES) -> dict[str, Any]:
     """Measure."""
     figures: dict[str, Any] = {}
     cores = sorted(psutil.Process().cpu_affinity() or [])
@@ -72,16 +72,16 @@ def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple
         placed = (*placed, f"arm.cpu={cores[1]}", ARMS_ON_TWO)
     with own_folder(f"bench-io-{os.getpid()}") as folder:
         for psms in sizes:
-            found = _measure(write_system(folder, psms), seconds, *placed)
+            found = _measure(write_system(folder, psms), window_s, *placed)
             figures |= {key if psms == PSMS else f"{key}_{2 * psms}": value for key, value in found.items()
                         if key != CPU}
-        figures |= _of_sizes(folder, sizes, seconds, *placed)
+        figures |= _of_sizes(folder, sizes, window_s, *placed)
         file = write_system(folder, PSMS)
-        figures |= _by_turns(file, seconds, *placed)
+        figures |= _by_turns(file, window_s, *placed)
         baseline = Baseline(folder)
         client, server = (cores[0], cores[1]) if len(cores) > 1 else (-1, -1)
         if not baseline.why_not:
-            awake = baseline.run(USUAL_HZ, seconds, client, server, spin_ns=0)
+            awake = baseline.run(USUAL_HZ, window_s, client, server, spin_ns=0)
             figures |= {f"baseline_{CPU}": awake.cpu_us, "baseline_read_to_write_us_p50": awake.reply_to_write_us_p50,
                         "baseline_read_to_write_us_p99": awake.reply_to_write_us_p99}
         missed_by_c = cache(lambda hz: baseline.run(hz, sustained_s, client, server).missed)
@@ -103,7 +103,7 @@ def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple
     figures["max_rate_hz"] = max((hz for hz, (missed, allowed) in tried.items() if missed <= allowed + MORE_MISSED),
                                  default=0)
     conditions = {
-        "boards": [2 * psms for psms in sizes], "seconds": seconds, "sustained_s": sustained_s,
+        "boards": [2 * psms for psms in sizes], "seconds": window_s, "sustained_s": sustained_s,
         "missed_at_hz": {str(hz): round(missed, 6) for hz, (missed, _) in sorted(tried.items())},
         "baseline": baseline.why_not or "tools/bench/baseline.c", "turns": TURNS,
         "beyond_this_machine_hz": beyond, "windows": WINDOWS,

@@ -202,7 +202,7 @@ def _pair(cores: list[int]) -> tuple[int, int]:
 def _machine(cores: tuple[int, int]) -> dict[str, Any]:
     first, second = cores
     pinned = f"{first} and {second}" if first != second else f"{first}, the only core: polling processes alternate"
-    return {"cpu": cpu_model(), "cores": os.cpu_count(), "pinned": pinned, "load_1min": os.getloadavg()[0]}
+    return {"cpu": cpu_model(), "pinned": pinned}
 
 
 def _settings() -> dict[str, Any]:
