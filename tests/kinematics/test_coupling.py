@@ -24,28 +24,11 @@ def test_an_instrument_couples_the_last_four() -> None:
     np.testing.assert_allclose(joints, (0.1, 0.2, 0.3, -1.5632, 1.0186, -0.8306 + 2 * 0.6089, 0.0), atol=1e-15)
 
 
-@pytest.mark.parametrize("name", ["PSM", "MTML"])
-def test_power_is_the_same_on_both_sides(name: str) -> None:
-    tool = stock.tool("LARGE_NEEDLE_DRIVER_400006") if name == "PSM" else None
-    pair = coupling(7, stock.chain(name), tool)
-    rng = np.random.default_rng(3)
-    velocity, effort = rng.normal(size=(2, 7))
-    joint_velocity, joint_effort = (pair.actuator_to_joint @ velocity), pair.joint_to_actuator.T @ effort
-    assert joint_velocity @ joint_effort == pytest.approx(velocity @ effort)
-    np.testing.assert_allclose(pair.joint_to_actuator @ joint_velocity, velocity, atol=1e-14)
-    np.testing.assert_allclose(pair.actuator_to_joint.T @ joint_effort, effort, atol=1e-14)
-
-
-@pytest.mark.parametrize("arm", ["MTML", "MTMR"])
-def test_power_of_the_masters_is_the_same_to_the_last_digits(arm: str) -> None:
-    pair = coupling(7, stock.chain(arm))
-    for one, other in ((pair.actuator_to_joint, pair.joint_to_actuator), (pair.joint_to_actuator,
-                                                                          pair.actuator_to_joint)):
-        np.testing.assert_allclose(one @ other, np.eye(7), atol=1e-12)
-    rng = np.random.default_rng(4)
-    for velocity, effort in rng.uniform(-1.0, 1.0, (1000, 2, 7)):
-        power = (pair.actuator_to_joint @ velocity) @ (pair.joint_to_actuator.T @ effort)
-        assert power == pytest.approx(velocity @ effort, rel=0.0, abs=1e-12)
+@pytest.mark.parametrize("name", ["PSM", "MTML", "MTMR"])
+def test_one_matrix_is_the_inverse_of_the_other(name: str) -> None:
+    pair = coupling(7, stock.chain(name), stock.tool("LARGE_NEEDLE_DRIVER_400006") if name == "PSM" else None)
+    np.testing.assert_allclose(pair.actuator_to_joint @ pair.joint_to_actuator, np.eye(7), atol=1e-12)
+    np.testing.assert_allclose(pair.joint_to_actuator @ pair.actuator_to_joint, np.eye(7), atol=1e-12)
 
 
 @pytest.mark.parametrize("arm", ["MTML", "MTMR"])
