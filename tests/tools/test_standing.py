@@ -370,5 +370,7 @@ def test_setup_joints_that_are_unknown_are_not_well(monkeypatch: pytest.MonkeyPa
     reader = Mock(info={"setups": {"ECM": 4, "PSM1": 6}}, field=record.__getitem__)
     one = standing._setup_joints("s", process("SUJ", kind="suj"), reader)
     assert first_thing([], [one]).startswith("wait for SUJ: ENABLED, the joints of PSM1 are unknown")
+    nameless = Mock(info={}, field=record.__getitem__)
+    assert standing._setup_joints("s", process("SUJ", kind="suj"), nameless).reason == "", "of a recording without them"
     record["setup_valid"] = True
     assert first_thing([], [standing._setup_joints("s", process("SUJ", kind="suj"), reader)]) == ""

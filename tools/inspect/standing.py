@@ -127,8 +127,8 @@ def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
 def _setup_joints(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     """Homed setup joints with unknown positions name these joints."""
     one = _arm(system, process, reader)
-    unknown = [name for name, valid in zip(reader.info["setups"], reader.field("setup_valid"), strict=True)
-               if not valid]
+    names = reader.info.get("setups") or ()  # a recording may have none
+    unknown = [name for name, valid in zip(names, reader.field("setup_valid"), strict=False) if not valid]
     if not one.homed or one.reason or not unknown:
         return one
     return dataclasses.replace(
