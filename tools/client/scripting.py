@@ -12,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
+from trocar.procs.crtk.names import none_such
 from trocar.procs.machine.end_signals import ctrl_c_in_a_line
 from trocar.procs.machine.version import VERSION as __version__
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
@@ -175,7 +176,10 @@ def aio(make: Callable[..., Any], *given: Any, **named: Any) -> Aio:
 
 
 def _arm(ways: Ways, name: str) -> Arm:
-    return class_of(ARM_TYPES[ways.type_of(name)].client, Arm)(ways, name)
+    kind = ways.type_of(name)
+    if not kind:  # the system restarts, with another document
+        raise Problem(none_such("arm", name, ()))
+    return class_of(ARM_TYPES[kind].client, Arm)(ways, name)
 
 
 def _found(kind: str, make: Callable[[Ways, str], F], name: str, system: str | None, timeout: float, where: Where) -> F:

@@ -14,7 +14,7 @@ from trocar.procs.config import check_file
 from trocar.procs.config.read.source import read_source
 from trocar.tools.converters import to_json
 from trocar.tools.output.errors import Problem
-from trocar.tools.output.new_file import put
+from trocar.tools.output.replacing import put
 
 Values = Mapping[str, Mapping[int, tuple[float, float]]]  # by robot and axis: scale and offset
 DIGITS: Final = 9  # of the written numbers

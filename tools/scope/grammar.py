@@ -21,7 +21,6 @@ from trocar.procs.crtk.field_paths import BadPath, FieldPath, parse_path
 
 MAX_LENGTH: Final = 1000
 MAX_DEPTH: Final = 20
-OPERATORS: Final = (">=", "<=", "==", "!=", ">", "<")
 TOKEN: Final = re.compile(
     r"\s*(?:(?P<text>\"[^\"]*\"|'[^']*')|(?P<operator>>=|<=|==|!=|>|<)|(?P<bracket>[()])"
     r"|(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?![\w/.\[]))"

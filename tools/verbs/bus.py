@@ -235,7 +235,7 @@ def _stream(desk: BusClient, board: FoundBoard, *, once: bool, as_json: bool) ->
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             sample = watching.sample()
-            answer(sample.as_dict(), _page(sample, ""), as_json)
+            emit(sample.as_dict()) if as_json else tell(_page(sample, ""))
             if once:
                 return
             pause(PERIOD_S)

@@ -16,7 +16,7 @@ from trocar.procs.document.gains import GAINS, value_of
 from trocar.tools.converters import to_json
 from trocar.tools.inspect.gains import Present
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.new_file import put
+from trocar.tools.output.replacing import put
 
 
 @dataclass(slots=True)
@@ -80,14 +80,14 @@ def _put(gains: Present, data: dict[str, Any]) -> list[str]:
     """Write what differs into the rows of `data`; returns the names of those values."""
     content, _ = validate(PidFile, SourceFile(Path(gains.file), data, {}))
     assert content is not None
-    put = []
+    changed = []
     for axis, row in enumerate(convert.pid(content, gains.robot, gains.arm, "").axes):
         for gain in GAINS:
             value = gains.row(axis)[gain.key]
             if value != value_of(row, gain.key):
                 data["pid"][axis][gain.key] = bool(value) if gain.switch else value
-                put.append(f"{axis} {gains.names[axis]} {gain.key}")
-    return put
+                changed.append(f"{axis} {gains.names[axis]} {gain.key}")
+    return changed
 
 
 def _check(gains: Present, file: Path) -> None:

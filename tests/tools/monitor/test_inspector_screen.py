@@ -216,12 +216,14 @@ def test_a_fault_is_shown_with_its_remedy(world: World) -> None:
 def test_words_find_commands_and_arms(world: World) -> None:
     async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
         played.events.report(codes.TRACKING, "PSM1 axis 2: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
+        played.events.status("PSM1: HOMED", "PSM1")
         played.show_arm(0.1, "FAULT")
         with contextlib.closing(directory.writer(played.name, "PSM1", "audit", "arm")) as ring:
             for command in (b"move_jp", b"crtk_version"):
                 ring.field("command")[...], ring.field("outcome")[...] = command, b"done"
                 ring.publish(monotonic_ns())
-        for page, words, found in (("6", "MOVE", "move_jp"), ("5", "Tracking", "tracking")):
+        for page, words, found in (("6", "MOVE", "move_jp"), ("5", "Tracking", "tracking"),
+                                   ("4", "FOLLOW", "cannot follow"), ("4", "COLLISION", "cannot follow")):
             await pilot.press(page)
             await until(app, pilot, found)
             await pilot.press("slash", *words, "enter")
