@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
 from tests.config.conftest import SYSTEM, Home
 from tests.conftest import ROOT
 from trocar.procs.config.models.emulation_section import (
@@ -29,11 +31,18 @@ def test_every_key_is_on_the_page() -> None:
     assert "    buses:" in PAGE
 
 
-def test_every_option_of_io_and_arms_reaches_its_process() -> None:
-    of_any = {"priority", "cpu", "period_s", "tasks"}
-    for section, made in ((IoOptions, IoConfig), (ArmOptions, ArmConfig)):
-        declared = [field.name for field, _, _ in keys_in(made)]
-        assert declared and set(section.model_fields) - of_any == set(declared)
+@pytest.mark.parametrize(("section", "made"), [("io", IoConfig), ("arm", ArmConfig)])
+def test_every_option_of_io_and_arms_reaches_its_process(home: Home, section: str, made: type) -> None:
+    demo = parse_yaml((home.path / SYSTEM).read_text()).data
+    assert isinstance(demo, dict)
+    given = {field.name: not field.default if key.high is None else key.high * 0.75
+             for field, _, key in keys_in(made)}
+    assert set(given) == set(TrocarSection.model_fields[section].annotation.model_fields) - {
+        "priority", "cpu", "period_s", "tasks"}
+    loaded = home.load_made({**demo, "trocar": {section: given}}).system
+    assert loaded is not None
+    (row,) = loaded.ios if made is IoConfig else loaded.arms
+    assert {name: getattr(row, name) for name in given} == given
 
 
 def test_examples_of_the_page_are_accepted(home: Home) -> None:

@@ -232,6 +232,7 @@ def test_words_find_commands_and_arms(world: World) -> None:
             await pilot.press("slash", *" and more", "enter")
             await until(app, pilot, f'with "{words} and more"')
             assert not app.page.table.row_count
+            await pilot.press("escape")
 
     play(world, story)
 
