@@ -79,7 +79,7 @@ class TraceSource(SampleSource):
 
     def __init__(self, system: str, robot: IoRobot, axis: int) -> None:
         """Attach and subscribe; SegmentError if it cannot be read."""
-        super().__init__(system, robot.io.name, IO_STATE.name)
+        super().__init__(system, robot.io.name, IO_STATE.name, kind="io")
         self._axis, self._robot = robot.axes.start + axis, robot.place
         self._each = max(1, round(CLOSEST_S / robot.io.period_s))
 

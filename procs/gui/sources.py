@@ -39,9 +39,12 @@ class Source(Protocol):
 class WantedRing:
     """A ring that is read, with a subscription while it is open."""
 
-    def __init__(self, system: str, instance: str, ring: str, *groups: str) -> None:
-        """Attach, and subscribe with these groups of fields; SegmentError if it cannot be read."""
-        self._reader = directory.reader(system, instance, ring, often=False)
+    def __init__(self, system: str, instance: str, ring: str, *groups: str, kind: str | None = None) -> None:
+        """Attach, and subscribe with these groups of fields; SegmentError if it cannot be read.
+
+        `kind`: the layout must be that of this kind of process.
+        """
+        self._reader = directory.reader(system, instance, ring, kind, often=False)
         self._subscriber: Subscriber | None = None
         try:
             self._subscriber = Subscriber(system, instance, PROGRAM)
