@@ -60,8 +60,8 @@ class Gain:
 
 
 GAINS: Final = tuple(
-    Gain(key.name or field.name, field.name, key.low or 0.0, key.high or 1.0, key.above, hint.__origin__ is bool,
-         STIFF in hint.__metadata__)
+    Gain(key.name or field.name, field.name, 0.0 if key.low is None else key.low,
+         1.0 if key.high is None else key.high, key.above, hint.__origin__ is bool, STIFF in hint.__metadata__)
     for field, hint, key in keys_in(PidAxis))
 BY_KEY: Final = {gain.key: gain for gain in GAINS}
 
