@@ -25,6 +25,7 @@ from trocar.procs.config.models.system_file import (
     TeleopPsmParameters,
 )
 from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.validate import is_name
 from trocar.procs.document.arms import ThirdParty
 from trocar.procs.document.cart import Cart
 from trocar.procs.document.consoles import (
@@ -44,7 +45,6 @@ FOCUS: Final = "ISI_focus_controller"
 FOCUS_NAME: Final = "focus_controller"
 FOCUS_OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
 FOCUS_PEDALS: Final = ("focus_plus", "focus_minus")  # in, out
-_WORD: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 _MAX_BUTTON: Final = 24  # size of the field in an event
 PERIOD_S: Final = 0.01
 PEDALS: Final = "IO_pedals"
@@ -335,7 +335,7 @@ def _ask_button(system: SystemFiles, key: Key, keys: InterfaceKeys | None, found
         for console in content.consoles:
             taken |= {f"{row.MTM}_{row.PSM}" for row in console.teleop_PSMs}
             taken |= {f"{row.MTML}_{row.MTMR}_{row.ECM}" for row in console.teleop_ECMs}
-        if name in taken or not _WORD.match(name):
+        if name in taken or not is_name(name):
             text = "something else that has no buttons" if name in taken else "not a name for a place in the system"
             system.error((*key, "component"), text, "an IO, an arm of a _GENERIC type, or a name of its own of "
                          "letters, digits, _ and -, at most 40, for a program of yours")
@@ -354,7 +354,7 @@ def _load_focus(system: SystemFiles, operators: Collection[str]) -> tuple[Focus,
         return ()
     name = keys.name or FOCUS_NAME
     taken = RESERVED | {row.name for rows in (content.IOs, content.arms) for row in rows}.union(operators)
-    if name in taken or not _WORD.match(name):
+    if name in taken or not is_name(name):
         system.error((FOCUS, "name"), "not a name of its own", "letters, digits, _ and -, at most 40")
         return ()
     file = system.file_of(keys)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Callable, Iterable, Sequence
 from ipaddress import IPv4Address
 
@@ -24,6 +23,7 @@ from trocar.procs.config.models.io_file import IoFile, RobotKeys
 from trocar.procs.config.models.setup_file import PLUGS, SetupArmKeys, SetupFile
 from trocar.procs.config.models.system_file import PROTOCOLS
 from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.validate import is_name
 from trocar.procs.document import emulated
 from trocar.procs.document import system as document
 from trocar.procs.document.cart import LIFT_OUTPUTS, MULTIPLEXER_OUTPUTS
@@ -34,7 +34,6 @@ MAX_BUSES = 15  # addresses 127.x.y.16 to 127.x.y.240
 LAST_OCTET = 254
 OUTPUTS = (*MULTIPLEXER_OUTPUTS, *LIFT_OUTPUTS)
 _ROOM = {"QLA1": 4, "DQLA": 8}  # axes and outputs alike
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 
 
 def default_addresses(system_name: str) -> Callable[[int], str]:
@@ -100,7 +99,7 @@ def _places(system: SystemFiles) -> Iterable[BusPlace]:
         key = (*EMULATION, "buses", name)
         if name not in names:
             system.error(key, "no IO of this name", f"one of {', '.join(names)}")
-        elif not _NAME.match(name):
+        elif not is_name(name):
             system.error(key, "not a name for a bus", "letters, digits, _ and -, at most 40")
         elif not system.buses and not given[name].controllers:
             system.error((*key, "controllers"), "a bus without an IO needs controllers", 'e.g. {"0": {}}')

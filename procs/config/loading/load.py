@@ -27,11 +27,10 @@ from trocar.procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED
 from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem
 from trocar.procs.config.read.search import SearchPath, expanded, search_beside, search_path
-from trocar.procs.config.read.validate import validate
+from trocar.procs.config.read.validate import is_name, validate
 from trocar.procs.document import system as document
 from trocar.procs.machine.paths import PROJECT_CONFIGS, is_folder
 
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 _SIMULATED = (document.PACED, document.LOCKSTEP)
 _OLD_KEYS = {"arms", "console", "io", "psm-teleops", "ecm-teleop", "suj"}
 _SYSTEM_ID = "dvrk-system.schema.json"
@@ -124,7 +123,7 @@ def _load(
         system.error((SECTION, "clock"), text, "wall")
     operation = load_consoles(system, [loaded.arm.name for loaded in arms if loaded.starts], carts, third_parties)
     system_name = name or re.sub(r"[^A-Za-z0-9_-]", "_", system.source.path.stem)[:40]
-    if not _NAME.match(system_name):
+    if not is_name(system_name):
         system.context.problems.append(FileProblem("--system", 0, "", system_name, "not a name for a system",
                                                    "letters, digits, _ and -, at most 40"))
         return None

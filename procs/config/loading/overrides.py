@@ -11,7 +11,7 @@ from trocar.procs.config.read.source import SourceFile
 from trocar.procs.config.read.yamltext import parse_yaml
 
 SECTION = "trocar"
-_PROCESSES: Key = (SECTION, "processes")
+PROCESSES: Key = (SECTION, "processes")
 
 
 def apply_overrides(source: SourceFile, sets: Mapping[str, str] | Sequence[str]) -> tuple[SourceFile,
@@ -71,7 +71,7 @@ def _write(data: dict[str, object], key: tuple[str, ...], value: object) -> bool
 def with_named_processes(system: Opened[None]) -> SourceFile:
     """Convert a list of processes with names into the equivalent object with these names as keys."""
     source = system.source
-    rows = source.at(_PROCESSES)
+    rows = source.at(PROCESSES)
     section = source.at((SECTION,))
     if not isinstance(rows, list) or not isinstance(section, dict):
         return source
@@ -80,15 +80,15 @@ def with_named_processes(system: Opened[None]) -> SourceFile:
     for index, row in enumerate(rows):
         name = row.get("name") if isinstance(row, dict) else None
         if not isinstance(row, dict) or not isinstance(name, str):
-            system.error((*_PROCESSES, index), "a row without a name", "rows with name, module and so on")
+            system.error((*PROCESSES, index), "a row without a name", "rows with name, module and so on")
         elif name in named:
-            system.error((*_PROCESSES, index, "name"), "this name occurs twice", "a name of its own")
+            system.error((*PROCESSES, index, "name"), "this name occurs twice", "a name of its own")
         else:
             named[name], names[index] = {key: value for key, value in row.items() if key != "name"}, name
     data = {**source.data, SECTION: {**section, "processes": named}}
-    depth = len(_PROCESSES)
+    depth = len(PROCESSES)
     lines: dict[Key, int] = {}
     for key, line in source.lines.items():
-        row = key[depth] if key[:depth] == _PROCESSES and len(key) > depth else None
-        lines[(*_PROCESSES, names[row], *key[depth + 1 :]) if isinstance(row, int) and row in names else key] = line
+        row = key[depth] if key[:depth] == PROCESSES and len(key) > depth else None
+        lines[(*PROCESSES, names[row], *key[depth + 1 :]) if isinstance(row, int) and row in names else key] = line
     return SourceFile(source.path, data, lines, source.overrides)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from trocar.procs.config.loading.buses import SystemFiles
+from trocar.procs.config.loading.overrides import PROCESSES
 from trocar.procs.config.models.trocar_section import ProcessKeys, TrocarSection
 from trocar.procs.document import system as document
 from trocar.procs.document.process import ELSEWHERE, ON_DEMAND
@@ -72,11 +73,11 @@ def build_processes(system: SystemFiles, made: document.SystemConfig,
     users = {name for row in made.users for name in (row.name, row.host) if name}
     hosts = {row.name: row.host for row in made.users}
     for name in users & {row.name for kind, row in found if not kind.declared}:
-        system.error(("trocar", "processes", name), "this name is taken by a process of Trocar", "a name of its own")
+        system.error((*PROCESSES, name), "this name is taken by a process of Trocar", "a name of its own")
     for name in system.options.processes:
         if name not in known:
             allowed = f"one of {', '.join(known)}"
-            system.error(("trocar", "processes", name), "no process of this name is started", allowed)
+            system.error((*PROCESSES, name), "no process of this name is started", allowed)
     rows = []
     for kind, row in found:
         after = tuple(name for name in dict.fromkeys(row.after) if name in known)
@@ -96,7 +97,7 @@ def _check_demand(system: SystemFiles, rows: tuple[document.Process, ...]) -> No
     """Check start and listen: processes that drive a robot run always and do not listen; addresses are unique."""
     taken: dict[str, str] = {}
     for row in rows:
-        key = ("trocar", "processes", row.name)
+        key = (*PROCESSES, row.name)
         if proc(row.kind).realtime and row.start == ON_DEMAND:
             system.error((*key, "start"), "it drives a robot, and is always there", "always")
         if row.listen and (proc(row.kind).realtime or row.start == ELSEWHERE):

@@ -9,7 +9,6 @@ import ast
 import dataclasses
 import importlib.util
 import math
-import re
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Final
@@ -17,11 +16,13 @@ from typing import Final
 from trocar.procs.config.loading.buses import SystemFiles
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.loading.convert import by_name
+from trocar.procs.config.loading.overrides import PROCESSES
 from trocar.procs.config.models.system_file import RESERVED, ArmKeys
 from trocar.procs.config.models.trocar_section import ProcessKeys
 from trocar.procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
 from trocar.procs.config.read.problem import Key
 from trocar.procs.config.read.search import expanded
+from trocar.procs.config.read.validate import is_name
 from trocar.procs.document import system as document
 from trocar.procs.document.process import ON_DEMAND
 from trocar.procs.document.user_process import (
@@ -38,8 +39,6 @@ from trocar.procs.document.user_process import (
 
 DERIVED: Final = "_DERIVED"
 PERIOD_S: Final = 0.01
-_NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
-_PROCESSES: Key = ("trocar", "processes")
 _TASKS: Key = ("trocar", "io", "tasks")
 _TAKEN: Final = {"events", "audit", "control", "mailbox", "clock", "document", "faults", PROPERTIES}
 _OF_A_PROCESS: Final = ("period_s", "cpu", "priority", "late_s", "hung_s", "start", "linger_s", "listen")
@@ -128,7 +127,7 @@ def derived_commands(system: SystemFiles, keys: ArmKeys) -> tuple[UserCommand, .
     """The further commands of a derived arm, as declared in `trocar.processes`."""
     if not keys.type.endswith(DERIVED):
         return ()
-    return _commands(system, (*_PROCESSES, keys.name, "commands"), system.own(keys.name).commands)
+    return _commands(system, (*PROCESSES, keys.name, "commands"), system.own(keys.name).commands)
 
 
 # -- processes -------------------------------------------------------------------------------------------------------
@@ -140,7 +139,7 @@ def load_user_processes(system: SystemFiles, derived: Collection[str],
     """
     found = []
     for name, row in system.options.processes.items():
-        key = (*_PROCESSES, name)
+        key = (*PROCESSES, name)
         if row.module is not None:
             period_s = _check_host(system, key, row, row.host) if row.host else row.period_s or PERIOD_S
             if name in places:
@@ -167,14 +166,14 @@ def _check_host(system: SystemFiles, key: Key, row: ProcessKeys, name: str) -> f
     for given in (given for given in _OF_A_PROCESS if getattr(row, given)):
         system.error((*key, given), f"{name} calls its update", f"this key at {name}, or no host")
     if host.start == ON_DEMAND:
-        system.error((*_PROCESSES, name, "start"), "several share it", "always")
+        system.error((*PROCESSES, name, "start"), "several share it", "always")
     return host.period_s or PERIOD_S
 
 
 def _process(system: SystemFiles, key: Key, name: str, row: ProcessKeys, period_s: float) -> UserProcess:
     if name in RESERVED:
         system.error(key, "this name is taken by a process of Trocar", "a name of its own")
-    if not _NAME.match(name):
+    if not is_name(name):
         system.error(key, f"{name!r} is no name of a process", "letters, digits, _ and -, at most 40")
     if row.priority and not row.host:
         system.error((*key, "priority"), "it runs as programs usually do, and holds no robot up", "0, or none")

@@ -9,7 +9,7 @@ from pydantic import Field
 from trocar.procs.config.models.bridge_section import Addresses, FoxgloveKeys, GuiKeys, SocketKeys
 from trocar.procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
 from trocar.procs.config.models.user_section import CommandKeys, PropertyKeys, TaskKeys, TopicKeys
-from trocar.procs.config.read.validate import Rows, Section, keys_of
+from trocar.procs.config.read.validate import NAME, Rows, Section, keys_of
 from trocar.procs.document.system import ArmConfig, IoConfig, Recorder, RosBridge
 
 Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$",
@@ -35,12 +35,12 @@ class ProcessKeys(Section):
     topics: Rows[TopicKeys] = ()
     commands: Rows[CommandKeys] = ()
     properties: Rows[PropertyKeys] = ()
-    host: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_-]{1,40}$",
+    host: str | None = Field(default=None, pattern=NAME,
                              description="the process that calls its update, with those of others: letters, digits, _ "
                              "and -, at most 40")
 
 
-@keys_of(IoConfig, after="cpu")
+@keys_of(IoConfig)
 class IoOptions(Section):
     """Settings for all buses."""
 
@@ -58,7 +58,7 @@ class ArmOptions(Section):
     priority: Priority = 60
     cpu: Cpu | None = None
     if TYPE_CHECKING:
-        effort_timeout_s: float = 0.0
+        effort_timeout_s: float = 0.1
 
 
 class LogOptions(Section):

@@ -8,10 +8,10 @@ import re
 import types
 import typing
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
 from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem, Key
@@ -25,8 +25,13 @@ ModelType = TypeVar("ModelType", bound=BaseModel)
 
 Rows = Annotated[tuple[Item, ...], Field(strict=False)]  # files hold lists; models hold tuples
 MatrixRows = Rows[Rows[float]]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$", description="letters, digits, _ and -, at most 40")]
+NAME: Final = r"^[A-Za-z0-9_-]{1,40}$"
+Name = Annotated[str, Field(pattern=NAME, description="letters, digits, _ and -, at most 40")]
 
+
+def is_name(text: str) -> bool:
+    """Whether a text may be the name of a process."""
+    return re.fullmatch(NAME, text) is not None
 
 
 def _whole_as_text(value: object) -> object:
@@ -50,18 +55,14 @@ class Section(BaseModel):
     """Whether an empty section differs from an absent one."""
 
 
-def keys_of(kind: type, *, after: str = "") -> Callable[[type[ModelType]], type[ModelType]]:
-    """Add the keys declared in the document's `kind` to a section: at the end, or `after` a key."""
+def keys_of(kind: type) -> Callable[[type[ModelType]], type[ModelType]]:
+    """Add the keys declared in the document's `kind` to a section, after its own."""
 
     def add(model: type[ModelType]) -> type[ModelType]:
-        own = dict(model.model_fields)
-        behind = {name: own.pop(name) for name in list(own)[list(own).index(after) + 1 :]} if after else {}
-        model.model_fields.clear()
         declared = {field.name: _field_of(field, hint, key) for field, hint, key in keys_in(kind)}
-        model.model_fields.update({**own, **declared, **behind})
-        model.__annotations__ = {name: field.annotation for name, field in model.model_fields.items()}
-        model.model_rebuild(force=True)
-        return model
+        fields: dict[str, Any] = {name: (field.annotation, field) for name, field in declared.items()}
+        return create_model(model.__name__, __base__=model, __doc__=model.__doc__, __module__=model.__module__,
+                            **fields)
 
     return add
 
