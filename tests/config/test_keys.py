@@ -28,7 +28,7 @@ def known() -> Iterator[str]:
         for name, model in vars(importlib.import_module(path)).items():
             if isinstance(model, type) and issubclass(model, pydantic.BaseModel) and model.__module__ == path:
                 keys = model.model_json_schema()["properties"]
-                itself = [part for part in reversed(model.__mro__) if part.__name__ == name]  # `keys_of` derives from it
+                itself = [part for part in reversed(model.__mro__) if part.__name__ == name]  # see `keys_of`
                 names = [own for part in itself for own in vars(part).get("__annotations__", {})]
                 for own in filter(model.model_fields.get, names):
                     key = model.model_fields[own].alias or own

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shlex
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -69,10 +71,26 @@ def test_a_master_that_is_held_up_is_named_and_ends_no_measurement(monkeypatch: 
 
 
 def test_options_of_another_bench_are_refused() -> None:
-    with pytest.raises(Misuse, match="bench ring takes no seconds"):
-        bench("ring", None, None, "", 3.0)
+    for name in ("ring", "io"):
+        with pytest.raises(Misuse, match=f"bench {name} takes no seconds"):
+            bench(name, None, None, "", 3.0)
     with pytest.raises(Misuse, match="no bench nothing"):
         bench("nothing", None, None, "", 0.0)
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+def test_a_bench_shows_figures_the_machine_and_problems(
+        as_json: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    ran = {"figures": {"us_p50": 1.5}, "conditions": {"cores": "two"}, "problems": ["too busy"]}
+    monkeypatch.setattr(importlib, "import_module", lambda name: SimpleNamespace(run=lambda: ran))
+    assert bench("ring", as_json=as_json) == 1
+    shown = capsys.readouterr().out
+    if as_json:
+        row = json.loads(shown)
+        assert (row["bench"], row["figures"], row["problems"]) == ("ring", ran["figures"], ran["problems"])
+        assert row["conditions"]["cores"] == "two" and "python" in row["conditions"], "its own count"
+    else:
+        assert all(words in shown for words in ("us_p50", "python", "PROBLEM: too busy"))
 
 
 def test_missing_file_is_a_problem_that_names_it(tmp_path: Path) -> None:
