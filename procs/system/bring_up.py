@@ -16,7 +16,7 @@ from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.origins import Origin
 
 POWER_ON, POWER_OFF = "power_on", "power_off"
-WORDS: Final = {POWER_ON: ENABLE, HOME: HOME, POWER_OFF: DISABLE}
+WORDS: Final = {POWER_ON: ENABLE, "home": HOME, POWER_OFF: DISABLE}
 
 LATE_S: Final = 0.1
 ENABLED, FAULT = "ENABLED", "FAULT"
