@@ -15,7 +15,7 @@ from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.lockstep import NEVER, SCHEMA, Steps, Table, clock_page, waker_of, wakeups_of
 
 LOOK_S: Final = 1e-4
-PAUSE_NS: Final = 100_000_000  # more between two looks is a pause of the whole machine, and of those waited for
+PAUSE_NS: Final = 100_000_000  # a longer interval between two looks is a stall of ours: only this much counts
 
 
 class HeldTime(Steps):
@@ -39,9 +39,8 @@ class HeldTime(Steps):
     def run_until(self, time_ns: int, wait_s: float, look: Callable[[], None] = lambda: None) -> bool:
         """Let time go to `time_ns`, and wait until all due work is done and all members sleep.
 
-        False if that takes longer than `wait_s` in real time, without our own pauses: a member is awake, or none takes
-        part. is called again and
-        again meanwhile; it may raise.
+        False if that takes longer than `wait_s` in real time, without our own stalls: then a member is awake, or no
+        member takes part. `look` is called repeatedly in the meantime; it may raise.
         """
         self.words[self._limit] = time_ns
         left_ns, before_ns = round(wait_s * 1e9), monotonic_ns()
