@@ -1,4 +1,8 @@
-"""Camera control with two masters: the operator holds the scene between the hands."""
+"""Camera control with two masters: the operator holds the scene between the hands.
+
+Positions and velocities are in the masters' reference frame (x right, y up, z away from the view), in m and m/s; ECM
+joints are yaw, pitch, insertion, roll (rad, m). Formulas as in dVRK 2.4, mtsTeleOperationECM, in closed form.
+"""
 
 from __future__ import annotations
 
