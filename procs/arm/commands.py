@@ -109,7 +109,7 @@ class ArmCommands:
             raise CommandRefused("there is no instrument, so no jaw")
 
     def _watch(self) -> None:
-        """Hold if a stream stopped that its client may not stop."""
+        """Hold if no servo command has come for longer than the client timeout."""
         control = self._control
         silent_ns = control.now_ns - self._streamed_ns
         if control.machine.state is ArmState.HOMED and silent_ns <= self._timeout_ns:

@@ -21,9 +21,9 @@ AGAIN_NS: Final = 500_000_000
 """Between two attempts to attach to an unreadable source."""
 
 MADE: Final = 16
-"""Sources of families, such as plots, that one page may open: each costs the console and the robot computing time."""
+"""The most sources of families (plots and logs) that one page may open: each costs CPU time of the robot."""
 OPENED: Final = 2
-"""Of sources opened in a tick: a plot begins with the whole history of its ring."""
+"""The most of them that are opened in a tick: a plot begins with the whole history of its ring."""
 
 
 class Source(Protocol):
@@ -111,7 +111,10 @@ class Sources:
 
     def __init__(self, makers: Mapping[str, Maker],
                  families: Mapping[str, Callable[[str], Maker]] | None = None) -> None:
-        """`families`: factories for names beginning with `FAMILY:`, given the rest of the name, or a ValueError."""
+        """`makers`: sources with fixed names. `families`: for each FAMILY, a factory for sources named `FAMILY:rest`.
+
+        The factory gets `rest`; it raises ValueError if there is no such source.
+        """
         self._makers, self._families = dict(makers), dict(families or {})
         self._made: dict[str, Maker] = {}
         self._open: dict[str, Source | None] = {}
@@ -137,7 +140,9 @@ class Sources:
         self.leave(before)
 
     def leave(self, names: Sequence[str]) -> None:
-        """One page less uses them; unused ones are deleted, as family names are unlimited."""
+        """A page no longer uses these sources; those without users are deleted, because the number of names of a family
+        is unlimited.
+        """
         for name in names:
             self._users[name] -= 1
             if self._users[name]:
@@ -150,7 +155,7 @@ class Sources:
                 source.close()
 
     def _take(self, name: str) -> None:
-        """One page more uses it; ValueError if there is no such source."""
+        """Another page uses it; ValueError if there is no such source."""
         family, _, rest = name.partition(":")
         if name not in self._users and family in self._families:
             self._made[name] = self._families[family](rest)
@@ -187,7 +192,7 @@ class Sources:
 
     @property
     def are_made(self) -> int:
-        """Number of known sources of families."""
+        """Number of sources of families that pages use."""
         return len(self._made)
 
     @property
@@ -196,7 +201,7 @@ class Sources:
         return len(self._open)
 
     def close(self) -> None:
-        """All."""
+        """Close all sources."""
         for source in self._open.values():
             if source is not None:
                 source.close()

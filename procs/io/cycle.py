@@ -78,12 +78,13 @@ class RobotIo:
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
                  over_ns: Callable[[], int] = lambda: FOR_EVER_NS,
                  report: Callable[[DesiredCommand, str, str], None] | None = None) -> None:
-        """Write watchdog periods. `sources` in the order of `io.pids`; `preset` (axes,) marks the encoders that are
-        set.
+        """Write the watchdog periods.
 
-        `cells`, in the order of `io.robots`: from when on commands count (shm/mailbox/generations.py). `is_over`: this
-        cycle was interrupted; `over_ns`: the time from which it counts as interrupted, on CLOCK_BOOTTIME. `report` gets
-        the outcomes of arms' desired states. `gains` and `instruments` give the fields of these records.
+        `sources` is in the order of `io.pids`, `cells` in the order of `io.robots`. `preset` (axes,) marks the encoders
+        that are already set. `gains` and `instruments` return the fields of these records. `cells` hold the fault
+        generations of the robots; older commands are refused (shm/mailbox/generations.py). `is_over` says whether a
+        stall has interrupted this cycle, `over_ns` from which time on CLOCK_BOOTTIME that is so. `report` receives the
+        outcomes of the arms' desired states.
         """
         self.io, self.record, self.reports = io, record, IoReports()
         self.port, self._now_ns, self._is_over, self._over_ns = port, now_ns, is_over, over_ns
@@ -202,7 +203,7 @@ class RobotIo:
         self.outputs.written()
 
     def _is_steady_state(self) -> bool:
-        """Only the sample can have an effect in this cycle."""
+        """Whether only the sample can have an effect in this cycle."""
         power, safety = self.power, self.safety
         return self._is_whole and self.port.away.tobytes() == self._nobody and not (
             self._tasks or self.desired.has_news or self._commands.waits or self.reports.trips or power.changed

@@ -25,9 +25,9 @@ class PoseError(ValueError):
 
 
 def unit_quaternion(quaternion: Array) -> tuple[float, float, float, float]:
-    """The quaternion (4,) x y z w at length 1; PoseError if it is not finite or its length is not nearly 1.
+    """The quaternion (4,) x y z w, scaled to length 1; PoseError if it is not finite or its length is not nearly 1.
 
-    An empty message has a zero quaternion; normalising it would give NaN or an arbitrary rotation.
+    An empty message has the quaternion 0 0 0 0; scaling that would give NaN or an arbitrary rotation.
     """
     if len(quaternion) != 4:
         raise PoseError(f"a quaternion has 4 numbers, not {len(quaternion)}")
@@ -43,7 +43,7 @@ def _unit(x: float, y: float, z: float, w: float, tolerance: float) -> tuple[flo
 
 
 def normalised(pose: Array) -> Array:
-    """A copy of the pose (7,) with its quaternion at length 1; PoseError if it is invalid."""
+    """A copy of the pose (7,), with its quaternion scaled to length 1; PoseError if the pose is invalid."""
     if len(pose) != POSE:
         raise PoseError(f"a pose has {POSE} numbers, not {len(pose)}")
     result = np.array(pose, dtype=np.float64)
@@ -54,7 +54,7 @@ def normalised(pose: Array) -> Array:
 
 
 def given_rotation(quaternion: Array) -> Array:
-    """The rotation (3, 3) of a command's x y z w, perhaps with few digits; PoseError if it is invalid."""
+    """The rotation (3, 3) of a command's quaternion x y z w, which may have few digits; PoseError if it is invalid."""
     return given_pose(np.concatenate((np.zeros(3), quaternion)))[:3, :3].copy()
 
 
@@ -112,7 +112,7 @@ def conjugate(quaternion: Sequence[float]) -> tuple[float, float, float, float]:
 
 
 def turned(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:
-    """A vector (3,), rotated."""
+    """The vector (3,), rotated by the quaternion."""
     (x, y, z, w), (a, b, c) = quaternion, vector
     u, v, t = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
     return a + w * u + y * t - z * v, b + w * v + z * u - x * t, c + w * t + x * v - y * u
@@ -168,7 +168,7 @@ def rotation_from_vector(vector: Array) -> Array:
 def quaternion_of(
     a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float
 ) -> tuple[float, float, float, float]:
-    """x y z w of the rotation with rows (a b c), (d e f), (g h i), by the branch with the largest divisor."""
+    """The quaternion x y z w of the rotation (a b c), (d e f), (g h i), by the branch with the largest divisor."""
     trace = a + e + i
     if trace >= max(a, e, i):
         x, y, z, w = h - f, c - g, d - b, 1.0 + trace

@@ -145,11 +145,11 @@ class Node(NodeMemory):
         gc.collect()  # collects the old loop; older objects are frozen
 
     def follows(self, name: str) -> None:
-        """Set the process to `follow`."""
+        """Name the process whose cycles ours will follow (see `follow`); its period is in the document."""
         self.pacing.follows(round(self.document.process(name).period_s * 1e9))
 
     def follow(self, stamp_ns: int, lead_ns: int) -> None:
-        """Keep our cycle `lead_ns` behind the stamps of the process that we follow."""
+        """Keep our cycle `lead_ns` behind a stamp of the process that we follow."""
         if not self.simulated:
             self.pacing.follow(stamp_ns + lead_ns)
 

@@ -28,9 +28,9 @@ SHORT_TRACE_S: Final = 0.03  # for all others, whose restart is urgent
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """The end of one process: how, in words; whether it was requested, or killed because it took too long.
+    """The end of one process: why it ended, whether that was requested, and whether it was killed for taking too long.
 
-    `asked` is also true for a process on demand that ended without error while it had no clients.
+    `asked` is also true for an on-demand process that ended without error while it had no clients.
     """
 
     text: str
@@ -40,7 +40,7 @@ class Ending:
 
 @dataclass(slots=True)
 class Child:
-    """One instance as seen by the supervisor; all times are real, monotonic ns, with every clock of the system."""
+    """One instance as seen by the supervisor; all times are real (monotonic ns), also in simulated time."""
 
     row: Process
     process: OsProcess
@@ -48,7 +48,7 @@ class Child:
     state: str = lifecycle.STOPPED
     starts: int = 0  # count of its processes: the number of the present one
     restarts: int = 0  # starts by the restart policy
-    failures: int = 0  # deaths with less than HEALTHY_NS in between
+    failures: int = 0  # crashes with less than HEALTHY_NS in between
     reason: str = ""  # how the last process ended
     begun_ns: int = 0
     restart_at_ns: int = 0  # 0: no restart planned

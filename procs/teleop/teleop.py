@@ -98,7 +98,7 @@ class Teleop:
 
     @property
     def is_idle(self) -> bool:
-        """DISABLED, and no other state is desired."""
+        """Whether the teleoperation is DISABLED and no other state is desired."""
         return self.state is TeleopState.DISABLED and self.desired is TeleopState.DISABLED
 
     def step(self, now_ns: int, requests: Iterable[Request]) -> None:
@@ -135,7 +135,7 @@ class Teleop:
             self.run()
 
     def _supervise(self) -> None:
-        """A problem of an arm stops teleoperation; after a silence or restart it may resume by itself."""
+        """Stop after an arm's error or a fault since the enabling command; interrupt if one is silent or restarted."""
         if self.desired is not TeleopState.DISABLED and self.origin.generation < self._faults.valid_from:
             self.stop(codes.FAULT_SINCE, "there was a fault since it was asked for")
         for arm in self.arms:
@@ -170,7 +170,7 @@ class Teleop:
         self.stop(codes.ARM_NOT_READY, f"{arm.name} is not {missing}", arm.name)
 
     def interrupt(self, code: Code, text: str, component: str) -> None:
-        """Data of an arm are no longer valid, because its process is or was gone."""
+        """Data of an arm are not valid, e.g. because its process has ended: set up again; following needs presence."""
         self.events.report(code, f"{self.name}: {text}", component)
         self._begin_anew()
 

@@ -43,7 +43,7 @@ class FittedLine:
 
 
 def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
-    """Robot after robot; changed files are written at the end, if no problem occurred."""
+    """Calibrate each robot in turn; changed files are written at the end, if no problem occurred."""
     outcome = Outcome()
     changes: dict[str, dict[str, dict[int, FittedLine]]] = {}
     for subject in bench.subjects:
@@ -76,7 +76,7 @@ def _old(subject: Subject, axis: int) -> tuple[float, float]:
 
 
 def _robot(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int, FittedLine]:
-    """Scales by carrying each axis, offsets in the zero position."""
+    """Scales from moving each axis by hand, offsets from the zero position."""
     axes = [axis for axis in range(len(subject.robot.actuators))
             if subject.has_pot(axis) and not subject.has_brake(axis)]
     if len(axes) < len(subject.robot.actuators):
@@ -101,7 +101,7 @@ def _robot(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int,
 
 
 def _held(bench: RunningBench, subject: Subject, act: Put | Squeeze, text: str) -> Floats:
-    """Mean voltages (n,) while a person holds it."""
+    """Mean voltages (n,) while the person holds the robot."""
     parts: list[Window] = []
     for _ in bench.person.doing(act, text):
         parts.append(bench.sample(subject.io, LOOK_S))
@@ -112,13 +112,13 @@ def _held(bench: RunningBench, subject: Subject, act: Put | Squeeze, text: str) 
 
 
 def way_of(subject: Subject, axis: int) -> float:
-    """Motion of an axis by hand for its calibration."""
+    """The distance (rad, m) by which the person moves an axis for its calibration."""
     low, high = subject.range_of(axis)
     return min(MAX_WAY_M if subject.slides(axis) else MAX_WAY_RAD, SHARE * (high - low) or MAX_WAY_RAD)
 
 
 def fitted(window: Window, subject: Subject, axis: int) -> FittedLine:
-    """Potentiometer positions, measured by the encoders, as a straight line over its voltage."""
+    """The straight line of an axis's position, measured by its encoder, over the voltage of its potentiometer."""
     position = window.axes("position", subject)
     matrix = subject.robot.joint_to_actuator_position
     seen = position @ np.linalg.inv(np.array(matrix)).T if matrix is not None else position
@@ -130,7 +130,7 @@ def fitted(window: Window, subject: Subject, axis: int) -> FittedLine:
 
 
 def judge(line: FittedLine, subject: Subject, axis: int, by: float) -> list[Finding]:
-    """Whether a line is plausible."""
+    """Problems of a line that is not plausible."""
     where, unit, old = subject.where(axis), subject.unit(axis), _old(subject, axis)[0]
     if math.isnan(line.residual):
         return [Finding(where, "the voltage of its potentiometer did not change", "it follows the motion",
@@ -146,7 +146,7 @@ def judge(line: FittedLine, subject: Subject, axis: int, by: float) -> list[Find
 
 
 def _gripper(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int, FittedLine]:
-    """0 closed, 60° open."""
+    """The line of a gripper: 0 closed, 60° open."""
     closed = _held(bench, subject, Squeeze(subject, True),
                    f"Close {subject.name} lightly, until you feel its second spring and no further, and hold it.")
     opened = _held(bench, subject, Squeeze(subject, False), f"Let {subject.name} open as far as it goes.")
@@ -158,7 +158,7 @@ def _gripper(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[in
 
 
 def gripper_line(closed_v: float, open_v: float) -> FittedLine | None:
-    """From the voltages of a closed and an open gripper; None if they are indistinguishable."""
+    """The line through the voltages of the closed and the open gripper; None if they are nearly equal."""
     if not abs(open_v - closed_v) >= MIN_V:
         return None
     scale = OPEN_RAD / (open_v - closed_v)

@@ -1,4 +1,4 @@
-"""The report of a commissioning: every try of every stage, in a JSON file that a lab keeps with its configuration."""
+"""The report of a commissioning: each run of each stage, in a JSON file that a lab keeps with its configuration."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FORMAT: Final = 1
 
 @dataclass(frozen=True, slots=True)
 class Try:
-    """One try of a stage: when it ended (local time), by whom, on which boards and with which files."""
+    """One run of a stage: when it ended (local time), who ran it, on which boards, and with which files."""
 
     stage: str
     passed: bool
@@ -39,7 +39,7 @@ class Try:
 
 
 class CommissionReport:
-    """All tries; saved after each."""
+    """All runs; saved after each."""
 
     def __init__(self, path: Path, system: str) -> None:
         """Read an existing report; Problem if it is invalid, or of another system."""
@@ -60,17 +60,17 @@ class CommissionReport:
                 raise Problem(f"{path} is the report of {known}, not of {system}; --report names another file")
 
     def last(self, stage: str, boards: str, files: str) -> Try | None:
-        """The newest try of a stage on these boards with these files."""
+        """The newest run of a stage on these boards with these files."""
         rows = [row for row in self.tries if (row.stage, row.boards, row.files) == (stage, boards, files)]
         return rows[-1] if rows else None
 
     def passed(self, stage: str, boards: str, files: str) -> bool:
-        """Whether that passed."""
+        """Whether the newest run of a stage on these boards with these files passed."""
         row = self.last(stage, boards, files)
         return row is not None and row.passed
 
     def add(self, stage: str, outcome: Outcome, seconds: float, boards: str, files: str) -> Try:
-        """Note a try and save."""
+        """Add a run, and save the report."""
         row = Try(stage, not outcome.problems, datetime.now().astimezone().isoformat(timespec="seconds"),
                   round(seconds, 1), getpass.getuser(), boards, files, tuple(map(str, outcome.problems)),
                   tuple(outcome.notes), plain(outcome.figures))
@@ -79,7 +79,7 @@ class CommissionReport:
         return row
 
     def require_writable(self) -> None:
-        """Problem if it could not be saved; changes nothing."""
+        """Problem if the report could not be saved; changes nothing."""
         with self._fresh():
             pass
 
@@ -91,7 +91,7 @@ class CommissionReport:
 
     @contextlib.contextmanager
     def _fresh(self) -> Iterator[Path]:
-        """A file beside it that takes its place, or goes; Problem where none can be written."""
+        """A new file beside the report, which replaces it or is removed; Problem if it cannot be written."""
         fresh = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         try:
             fresh.touch()
@@ -105,7 +105,7 @@ class CommissionReport:
 
 
 def fingerprint(system: SystemConfig) -> str:
-    """Of all file content about the robots, except values changed by calibrating potentiometers, and names of files."""
+    """A hash of all that the files say about the robots, except names of files and values that calibration changes."""
     rows = [dataclasses.asdict(robot) for io in system.ios if io.port for robot in io.robots]
     for row in rows:
         del row["source"], row["lookup"]

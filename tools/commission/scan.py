@@ -15,13 +15,13 @@ UNKNOWN: Final = "HARDWARE_UNDEFINED"
 
 
 class Scanned(Protocol):
-    """Environment of this stage: it runs before there is a system, except for emulated boards."""
+    """The environment of this stage, which runs before a system is up (emulated boards need one)."""
 
     document: SystemConfig
 
 
 def run(bench: Scanned) -> Outcome:
-    """Every bus, one after the other."""
+    """Scan each bus in turn."""
     outcome = Outcome()
     for io in (io for io in bench.document.ios if io.port):
         with BusClient(io.port) as desk:
@@ -45,7 +45,7 @@ def _figures(desk: BusClient, board: FoundBoard, asks: bool) -> dict[str, Any]:
 
 
 def boards_of(io: IoConfig) -> dict[int, str]:
-    """Board ids that a bus needs, each with the robots that need it."""
+    """Ids of the boards that a bus needs, each with the robot or device that needs it."""
     needed: dict[int, str] = {}
     for robot in io.robots:
         for number in boards_of_robot(robot):
@@ -57,12 +57,12 @@ def boards_of(io: IoConfig) -> dict[int, str]:
 
 
 def boards_of_robot(robot: Robot) -> set[int]:
-    """Board ids that a robot's motors and brakes are on."""
+    """Ids of the boards of a robot's motors and brakes."""
     return {a.board_id for a in robot.actuators} | {b.board_id for b in robot.brakes}
 
 
 def judge(io: IoConfig, boards: Sequence[FoundBoard]) -> list[Finding]:
-    """Boards found against those of the files."""
+    """Compare the boards that were found with those in the files."""
     found, needed = [], boards_of(io)
     hardware = {number: robot.hardware for robot in io.robots for number in boards_of_robot(robot)}
     there = ", ".join(str(board.board) for board in boards) or "none"

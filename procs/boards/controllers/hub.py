@@ -1,10 +1,10 @@
 """The hub memories of all boards of a bus, which all hold the same result of a broadcast query.
 
 A query names boards by a mask and gives a sequence number. Each board samples and sends its block to all others, so
-that one read of any board's hub memory covers all. Over FireWire the boards report one after the other, each when all
-with lower ids have; over Ethernet each reports as soon as it can, and the board asked has its own block first. Rev 8
-and 9 put blocks one after the other as they come; Rev 7 has a place for every board, where the block of one that does
-not report is still the old one.
+that one read of any board's hub memory covers all. Over FireWire the boards report in the order of their ids, each
+after all lower ones; over Ethernet each board reports as soon as it can, and the addressed board has its own block
+first. Rev 8 and 9 store the blocks in the order of their arrival. Rev 7 has a place for every board; a board that does
+not report keeps its old block there.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class HubMemory:
     """Hub memory, laid out as in the reply to a hub read."""
 
     def __init__(self, firmware: Firmware, over_ethernet: bool) -> None:
-        """Empty."""
+        """The memory is empty."""
         self._firmware, self._over_ethernet, self.samples = firmware, over_ethernet, firmware.samples
         self.boards, self.columns = self.samples.rows.shape
         models = firmware.models
@@ -96,7 +96,7 @@ class HubMemory:
             self._length = len(self._asked) * self._places.shape[1]
 
     def query(self, value: int, first: int, tick: int) -> bool:
-        """Register 0x1800 is written: sample all boards of the mask. True if every one of them reported."""
+        """Register 0x1800 is written: sample all boards of the mask. Returns whether all of them reported."""
         firmware, (sequence, mask) = self._firmware, (value >> 16, value & 0xFFFF)
         if (mask, first) != self._plan:
             self._plan_for(mask, first)
@@ -119,7 +119,7 @@ class HubMemory:
         return self._complete
 
     def collect(self, sequence: int, tick: int, boards: int, quads: int) -> int:
-        """The blocks of the first boards that report, this many of them, `quads` in all, from the latest sample."""
+        """Copy the blocks of the first `boards` reporting boards, `quads` quadlets in all, from the latest sample."""
         samples = self.samples
         samples.stamp(self._rows[:boards], tick)
         samples.head[...] = self.headers[sequence & 0xFF]
@@ -137,7 +137,7 @@ class HubMemory:
             self._memory[: self._length] = self._places[self._asked].ravel()
 
     def _query_with_gaps(self, value: int, first: int, tick: int) -> bool:
-        """Some board keeps its block to itself this time: it is as if it were not there."""
+        """A query in which some boards send no block, as if they were absent. Always False."""
         silent = [row for row, count in enumerate(self.withheld) if count or row in self.absent]
         kept, self.withheld = self.withheld, [0] * self._firmware.count
         absent, self.absent = self.absent, frozenset()
@@ -160,14 +160,14 @@ class HubMemory:
     # -- reads ---------------------------------------------------------------------------------------------------------
 
     def answer(self, head: tuple[int, ...], trailer: tuple[int, ...], tick: int) -> memoryview:
-        """The reply to a read of all blocks and the timing quadlet; good until the next query or read."""
+        """The reply to a read of all blocks and the timing quadlet; valid until the next query or read."""
         _HEAD.pack_into(self.reply, 0, *head)
         at = HUB_AT + 4 * self.quads
         _END.pack_into(self.reply, at, self.timing(tick), 0, *trailer)
         return memoryview(self.reply)[: at + _END.size]
 
     def timing(self, tick: int) -> int:
-        """Start and end of a read begun at `tick`, counted from the query; 0 while a board is missing."""
+        """The timing quadlet: start and end of a read begun at `tick`, from the query on; 0 if a board is missing."""
         if not self._complete and not self._has_places:
             return 0
         start, span = tick - self._queried, READ_TICKS * self._firmware.count
@@ -176,12 +176,12 @@ class HubMemory:
         return (start & self._timing_mask) << 16 | start + span & self._timing_mask
 
     def read(self, offset: int, count: int, tick: int) -> bytes:
-        """Any quadlets of it, from `offset` on."""
+        """`count` quadlets of the memory, from `offset` on."""
         memory = self.reply[HUB_AT : HUB_AT + 4 * self.quads] + _QUAD.pack(self.timing(tick))
         return bytes(memory[4 * offset : 4 * (offset + count)].ljust(4 * count, b"\0"))
 
     def read_register(self, row: int, place: int) -> int:
-        """Registers 0x1800 to 0x1803, for debugging: the query, how memory is filled, whom a board waits for."""
+        """Registers 0x1800 to 0x1803, for debugging: the query, how memory is filled, which boards one waits for."""
         board = self._firmware.ids[row]
         if place == 0:
             return self.sequence << 16 | self.mask

@@ -1,4 +1,4 @@
-"""Rows of a table of x, y and z: places in mm, and orientations in degrees, the same on all pages."""
+"""Rows of a table of x, y and z: positions in mm, orientations in degrees, the same on all pages."""
 
 from __future__ import annotations
 

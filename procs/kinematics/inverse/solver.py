@@ -29,10 +29,10 @@ FULL_TURN: Final = 2.0 * math.pi
 
 
 class Geometry(Protocol):
-    """Solutions from the geometry of an arm."""
+    """Inverse kinematics in closed form, for an arm with ideal angles and lengths: start values for Newton's method."""
 
     def solutions(self, goal: Array, seed: Array) -> Iterable[list[float]]:
-        """Joints (n) that bring the tip close to `goal` (4, 4), one list for every solution.
+        """Joints (n) that bring the tip close to `goal` (4, 4): one list for each solution.
 
         If the first joints exceed their limits, the others may be NaN.
         """
