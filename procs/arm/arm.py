@@ -91,7 +91,7 @@ class ArmLogic:
         return np.zeros(control.joints.size) if control.arm.homing_zero_position else self.io.setpoint.copy()
 
     def is_ready(self) -> bool:
-        """Homing is complete: everything the arm carries is engaged, too."""
+        """Whether homing is complete: everything that the arm carries is engaged, too."""
         return True
 
     def misses(self) -> str:
@@ -115,7 +115,7 @@ class ArmLogic:
         """Called every cycle in all states: buttons, sensors."""
 
     def is_clutched(self) -> bool:
-        """The clutch on the arm itself is pressed."""
+        """Whether the clutch on the arm itself is pressed."""
         return self.pressed(self.control.arm.inputs.clutch)
 
     def bears_weight(self) -> float:
@@ -147,13 +147,13 @@ class ArmLogic:
 
     @property
     def at_rest(self) -> bool:
-        """The arm is off or holds: only measured values change between cycles."""
+        """Whether the arm is off or holds: then only measured values change between cycles."""
         motion = self.control.motion
         return not (motion.moving or not motion.settled or motion.has_velocity or motion.mode is Mode.EFFORT
                     or motion.feed_end_ns != FOR_EVER_NS or self.machine.is_busy)
 
     def pressed(self, name: str) -> bool:
-        """A digital input of io is pressed; False if the arm has no input of this name."""
+        """Whether a digital input of io is pressed; False if the arm has no input of this name."""
         place = self._around.inputs.get(name, -1)
         return place >= 0 and self.io.fresh and bool(self.io.input[place])
 

@@ -150,7 +150,7 @@ class DerivedArm(ArmLogic):
 
     @property
     def is_moving(self) -> bool:
-        """A `move` is in progress."""
+        """Whether a `move` is in progress."""
         return self.control.motion.moving
 
 

@@ -136,7 +136,7 @@ class Efforts:
     # the cycle
 
     def is_overdue(self, now_ns: int) -> bool:
-        """Nonzero efforts were not commanded again in time."""
+        """Whether efforts other than 0 were not commanded again in time."""
         return now_ns >= self._timeout_at_ns or now_ns >= self._jaw_timeout_at_ns
 
     def step(self, now_ns: int) -> None:

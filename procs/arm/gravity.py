@@ -39,7 +39,7 @@ class Weight:
 
     @property
     def known(self) -> bool:
-        """A model exists."""
+        """Whether a model exists."""
         return self._model is not None
 
     def go_on(self, before: Weight) -> None:

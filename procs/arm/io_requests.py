@@ -45,7 +45,7 @@ class Switch:
 
     @property
     def settled(self) -> bool:
-        """io's record shows the desired state."""
+        """Whether io's record shows the desired state."""
         return self.wanted is None or self._flag is None or bool(self._flag.item()) is self.wanted
 
     @property
@@ -129,7 +129,7 @@ class IoRequests:
 
     @property
     def is_void(self) -> bool:
-        """io has seen the desired states, and they are void: a later fault or operator's command to io."""
+        """Whether io has read the desired states and a later fault or operator's command to io has voided them."""
         io = self._io
         return bool(io.desired_void.item()) and int(io.desired_generation.item()) == self._generation
 
@@ -146,7 +146,7 @@ class IoRequests:
 
     @property
     def bias_done(self) -> bool:
-        """io's record shows the requested bias."""
+        """Whether io's record shows the requested bias."""
         io = self._io
         counted = int(io.bias_generation.item()) != self._bias_before
         return bool(self._samples and counted and io.biased.item() and not io.biasing.item())

@@ -86,7 +86,7 @@ class JointSpace:
 
     @property
     def has_jaw(self) -> bool:
-        """An instrument with a jaw is attached; its angle is the last of a joint vector."""
+        """Whether an instrument with a jaw is attached; the jaw's angle is the last number of a joint vector."""
         return self.count < self.size
 
     def clip(self, values: Array, here: Array | None = None) -> NDArray[np.bool_]:

@@ -159,7 +159,7 @@ def logic_of(arm: ArmConfig) -> type[ArmLogic]:
 
 
 def most_periods(period_s: float) -> int:
-    """The most periods an arm may skip without a timeout in other processes."""
+    """The largest number of periods that a cycle of an arm may last without a timeout in other processes."""
     return max(1, int(0.5 * proc("arm").late_s / period_s))
 
 
@@ -204,7 +204,9 @@ class ArmLoop(runtime.Loop):
 
     @property
     def may_rest(self) -> bool:
-        """The arm has been off or held for a while, and its records have no subscribers: half the cycles are enough."""
+        """Whether half the cycles are enough: the arm has been off or held for a while, and its records have no
+        subscriber.
+        """
         return self._resting > AT_REST and not self._subscriptions.wanted & self._records
 
     def periods(self, is_overloaded: bool, now_ns: int) -> int:

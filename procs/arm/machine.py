@@ -46,7 +46,7 @@ class ArmStates:
 
     @property
     def is_busy(self) -> bool:
-        """A transition or a move is in progress."""
+        """Whether a transition or a move is in progress."""
         return self.moving or self.state in BUSY
 
     @property
@@ -56,7 +56,7 @@ class ArmStates:
 
     @property
     def goes_on(self) -> bool:
-        """The desired state lies beyond the present one."""
+        """Whether the desired state lies beyond the present one."""
         return self.desired in BEYOND.get(self.state, ())
 
     def publish(self) -> None:

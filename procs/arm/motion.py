@@ -216,7 +216,7 @@ class Motion:
         self.settled = False
 
     def is_pending(self, now_ns: int) -> bool:
-        """A servo goal was given in this very cycle, or has not been reached yet."""
+        """Whether a servo goal was given in this very cycle, or has not been reached yet."""
         return self._served_ns == now_ns or (self.mode is Mode.POSITION and not self.settled)
 
     def _advance(self, now_ns: int) -> None:

@@ -76,7 +76,7 @@ class Reach:
         return found, why or ("on the way back from there" if self._is_limited else "")
 
     def _is_left_at(self, at: Array) -> bool:
-        """The stream was limited, and the joints have not moved otherwise since."""
+        """Whether the stream was limited and the joints have not moved otherwise since."""
         return bool(self._is_limited and len(at) == len(self._kept) and np.abs(at - self._kept).max() <= SAME)
 
     def _most(self, count: int, passed_ns: int) -> Array:

@@ -49,7 +49,7 @@ class Stream:
     ended: str = ""
 
     def has_paused(self, now_ns: int) -> bool:
-        """The stream is over by itself."""
+        """Whether the stream has ended because its program sent no goals for a while."""
         return now_ns - self.asked_ns >= max(STREAM_PAUSE_NS, PERIODS * self.period_ns)
 
 
@@ -103,13 +103,13 @@ class Streams:
                 self._leader = stream.sender
 
     def is_running(self, now_ns: int) -> bool:
-        """The sender's stream had a goal accepted recently, and no other program's since."""
+        """Whether a goal of this stream was accepted recently, and none of another program since."""
         stream = self.asking
         return (stream is not None and now_ns - stream.taken_ns <= STREAM_NS
                 and self._owners.get(stream.kind) is stream)
 
     def leads(self, sender: Hashable) -> bool:
-        """The arm follows a stream or a move of this sender."""
+        """Whether the arm follows a stream or a move of this sender."""
         return self._leader is not None and self._leader == sender
 
     def lead(self, sender: Hashable) -> None:

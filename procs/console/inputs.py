@@ -25,7 +25,7 @@ class InputLine:
         self._input, self._age = record.field("input"), record.field("age_ns")
 
     def pressed(self, now_ns: int) -> bool | None:
-        """Its debounced value; None: no current value is known."""
+        """Whether the debounced input is pressed; None: no current value is known."""
         self._record.look(now_ns)
         return bool(self._input[self._index]) if self._record.sampled(int(self._age)) else None
 
@@ -62,7 +62,7 @@ class Inputs:
 
     @property
     def has_news(self) -> bool:
-        """An io has published since the last `poll`; it publishes every input that changes."""
+        """Whether an io has published since the last `poll`; it publishes every input that changes."""
         return any(events.head != events.sequence for events, _ in self._clicks)
 
     def poll(self, now_ns: int) -> list[tuple[str, int]]:

@@ -118,7 +118,7 @@ class WireRequest:
 
     @property
     def crc_ok(self) -> bool:
-        """True when every CRC of the request is correct."""
+        """Whether every CRC of the request is correct."""
         fresh = encode_request(WireRequest(self.tcode, self.node, self.address, self.tl, self.generation, self.flags,
                                            self.data, self.length, self.bus, self.source, self.retry, self.priority))
         return fresh == encode_request(self)

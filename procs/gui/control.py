@@ -28,7 +28,7 @@ class BrowserControl:
         return self._holder
 
     def is_free(self, now_ns: int) -> bool:
-        """No browser has had control for a heartbeat timeout: a person who changes the page keeps control."""
+        """Whether no browser had control for a heartbeat timeout; an operator who changes the page keeps control."""
         return not self.holder(now_ns) and now_ns - self._heard_ns > HEARTBEAT_NS
 
     def take(self, browser: str, now_ns: int, *, over: bool = False) -> str:

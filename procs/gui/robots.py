@@ -50,7 +50,7 @@ class IoRobot:
 
     @property
     def is_kinematic(self) -> bool:
-        """There are no boards."""
+        """Whether the robot has no boards."""
         return not self.io.port
 
     @property

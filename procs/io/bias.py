@@ -61,7 +61,7 @@ class Bias:
             record.biased[robot] = self._preset(robot)
 
     def _preset(self, robot: int) -> bool:
-        """The robot has encoders, and all of them are set."""
+        """Whether the robot has encoders and all of them are set."""
         axes = self._robots.slices[robot]
         there = self._robots.has_encoder[axes]
         return bool(there.any() and self._record.encoder_set[axes][there].all())

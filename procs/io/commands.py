@@ -91,7 +91,7 @@ class IoCommands:
 
     @property
     def waits(self) -> bool:
-        """An accepted command has not finished."""
+        """Whether an accepted command has not finished."""
         return bool(self._powering or self._biasing)
 
     def answer(self) -> None:

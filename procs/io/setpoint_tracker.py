@@ -261,7 +261,7 @@ class SetpointTracker:
         self.dirty[0] = True
 
     def returns(self, position: Floats) -> Flags:
-        """Actuators (n,) that return from beyond their limits: they may be far from their setpoints."""
+        """Whether each actuator (n,) returns from beyond its limits: it may be far from its setpoint."""
         beyond: Flags = (position < self.low) | (position > self.high)
         beyond &= self._record.at_limit
         return beyond

@@ -123,7 +123,7 @@ def arm_serial(port: BusPort, board: int) -> str:
 
 
 def _preset(robots: Robots, port: BusPort) -> Flags:
-    """Encoders (axes,) that are set."""
+    """Whether each encoder (axes,) is set."""
     preset = robots.has_encoder.copy()
     for axis in np.flatnonzero(robots.has_encoder).tolist():
         preset[axis] = _is_set(port.read_quadlet(*robots.preload_register(axis)))

@@ -103,5 +103,5 @@ def has_left(request: Request, pid: int) -> bool:
 
 
 def switch(request: Request) -> bool:
-    """The value of a command that switches on (1) or off (0)."""
+    """Whether a command switches on (its value is 1) or off (0)."""
     return bool(request.values[0])

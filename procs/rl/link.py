@@ -43,12 +43,12 @@ class ArmLink:
 
     @property
     def is_ready(self) -> bool:
-        """Powered and homed, its values valid: it can be commanded."""
+        """Whether the arm can be commanded: it is powered and homed, and its values are valid."""
         return bool(self._state[()] == ENABLED and self._homed[()] and self._valid[()] and self._posed[()])
 
     @property
     def is_busy(self) -> bool:
-        """A move, or a change of its state, is under way."""
+        """Whether a move or a change of the arm's state is in progress."""
         return bool(self._busy[()])
 
     @property

@@ -70,7 +70,7 @@ class Way:
 
     @property
     def has_begun(self) -> bool:
-        """We command the arm, and it follows."""
+        """Whether we command the arm and it follows."""
         return bool(self._goals)
 
     def forget(self) -> None:

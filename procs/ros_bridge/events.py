@@ -37,7 +37,7 @@ class ToldState:
 
     @property
     def is_read(self) -> bool:
-        """It has a subscriber."""
+        """Whether the topic has a subscriber."""
         return any(writer.is_read for writer in self.writers)
 
     def tell(self, ros_ns: int, now_ns: int) -> None:

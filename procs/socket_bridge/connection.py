@@ -105,7 +105,7 @@ class Connection(asyncio.Protocol):
 
     @property
     def is_slow(self) -> bool:
-        """The client does not read its data."""
+        """Whether the client does not read its data."""
         return self._transport is None or self._transport.get_write_buffer_size() > HIGH
 
     def send(self, message: bytes) -> None:

@@ -47,7 +47,7 @@ class SocketServer:
                 made, sock=listening, ssl=self._tls, ssl_handshake_timeout=HELLO_S if self._tls else None))
 
     def is_over(self) -> bool:
-        """We were stalled: incoming messages are out of date."""
+        """Whether we were stalled, so that incoming messages are out of date."""
         return self.served.is_over()
 
     def admit(self, connection: Connection) -> Session | None:

@@ -169,7 +169,7 @@ class Session:
 
     @property
     def is_waiting(self) -> bool:
-        """A request is not answered yet."""
+        """Whether a request is not answered yet."""
         return bool(self.reads) or self.calls.are_under_way
 
     def serve(self, now_ns: int, turn: int) -> float:

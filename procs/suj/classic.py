@@ -120,16 +120,16 @@ class Classic(SetupPower):
 
     @property
     def has_io(self) -> bool:
-        """io has published a record since this process started."""
+        """Whether io has published a record since this process started."""
         return self._board.stamp_ns > 0
 
     @property
     def is_powered(self) -> bool:
-        """Power is on, or being switched on."""
+        """Whether power is on, or is being switched on."""
         return self._board.power_requested and not self._board.has_fault
 
     def is_on(self) -> bool:
-        """Powered, and io accepts our currents; while power comes up, the call requests that from io."""
+        """Whether power is on and io accepts our currents; while power comes up, the call requests that from io."""
         board = self._board
         if self._asked_ns and board.powered and board.amps_on and not board.pid_enabled and not board.has_fault:
             board.ask("pid_enable", 1.0)  # from now on io takes the currents of the brakes from our setpoints

@@ -106,12 +106,12 @@ class InterfaceBoard:
         self.up, self.down = pressed[PLUGS:]
 
     def is_fresh(self, now_ns: int) -> bool:
-        """io and its boards send fresh samples."""
+        """Whether io and its boards send fresh samples."""
         return self.stamp_ns > 0 and -SILENT_NS <= now_ns - self.stamp_ns <= SILENT_NS
 
     @property
     def has_fault(self) -> bool:
-        """io has latched a fault of this robot that prevents operation."""
+        """Whether io has latched a fault of this robot that prevents operation."""
         return self.fault not in HARMLESS
 
     @property

@@ -37,7 +37,7 @@ class SetupPower:
         """Power off at once; brakes hold."""
 
     def is_on(self) -> bool:
-        """Powered, with everything needed to move brakes."""
+        """Whether power is on, with everything needed to move brakes."""
         return True
 
     def problem(self, now_ns: int, *, powering: bool) -> str:
@@ -61,12 +61,12 @@ class SetupStates:
 
     @property
     def is_homed(self) -> bool:
-        """Homed, and enabled."""
+        """Whether the arms are homed and enabled."""
         return self._homed and self.state is SetupState.ENABLED
 
     @property
     def is_busy(self) -> bool:
-        """A transition is in progress."""
+        """Whether a transition is in progress."""
         return self.state is SetupState.POWERING
 
     @property

@@ -143,22 +143,22 @@ class TeleopArm:
 
     @property
     def is_busy(self) -> bool:
-        """A transition or a move is in progress."""
+        """Whether a transition or a move is in progress."""
         return self._is_busy or self.is_moving
 
     @property
     def is_kinematic(self) -> bool:
-        """There is no robot: forces do not move the arm, only position commands."""
+        """Whether there is no robot: forces do not move the arm, only position commands do."""
         return bool(self._simulated)
 
     @property
     def is_held(self) -> bool:
-        """The arm holds or follows positions; never true for a kinematic arm, which always does."""
+        """Whether the arm holds or follows positions; never true for a kinematic arm, which always does."""
         return self._mode.item() in HELD and not self._simulated
 
     @property
     def is_taken(self) -> bool:
-        """The arm was released, and then another program moved it or made it hold."""
+        """Whether another program moved the arm, or made it hold, after it was released."""
         return self._was_free and self.is_held
 
     @property
@@ -173,7 +173,7 @@ class TeleopArm:
 
     @property
     def has_jaw(self) -> bool:
-        """An instrument with a jaw is attached."""
+        """Whether an instrument with a jaw is attached."""
         return bool(self._has_jaw)
 
     @property
@@ -193,7 +193,7 @@ class TeleopArm:
 
     @property
     def has_ended_stream(self) -> bool:
-        """The arm has just ended our stream of goals, and refuses them until the stream has paused."""
+        """Whether the arm has just ended our stream of goals; it refuses them until the stream has paused."""
         return self._now_ns - self._ended_ns < LIMIT_SHOWN_NS
 
     @property

@@ -108,7 +108,7 @@ class Place:
 
     @property
     def wakes(self) -> bool:
-        """The owner sleeps between its cycles, and a command wakes it."""
+        """Whether the owner sleeps between its cycles, so that a command wakes it."""
         return self._wakeup is not None
 
     @property

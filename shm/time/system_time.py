@@ -41,7 +41,7 @@ class SystemTime:
 
     @property
     def is_held(self) -> bool:
-        """A program holds time, which is stopped for now (shm/time/held_time.py)."""
+        """Whether a program holds time, which is stopped for now (shm/time/held_time.py)."""
         return self._page is not None and 0 < self._words[self._limit] <= self.now_ns()
 
     @property
@@ -95,7 +95,7 @@ class Patience:
 
     @property
     def is_over(self) -> bool:
-        """The waiting time is over."""
+        """Whether the waiting time is over."""
         return self._time.now_ns() >= self._end_ns or monotonic_ns() >= self._real_ns
 
     def __enter__(self) -> Patience:

@@ -100,7 +100,7 @@ class Wakeup:
 
     @property
     def sleeps(self) -> bool:
-        """Asleep, and not yet woken."""
+        """Whether the process is asleep, and not yet woken."""
         return self._futex.value == 1
 
     def wake(self) -> None:

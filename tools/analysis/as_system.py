@@ -83,7 +83,9 @@ class NewestRecords:
 
     @property
     def is_steady(self) -> bool:
-        """Other topics are written seldom, and stay valid until they are written again."""
+        """Whether the topic is written continuously, or has events or commands. All others are written seldom, and
+        stay valid until they are written again.
+        """
         return bool(self.topic.rate_hz) or self.topic.ring in ("events", "audit")
 
     def add(self, piece: Records) -> None:

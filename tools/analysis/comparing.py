@@ -108,7 +108,7 @@ def _lacks(records: Records, field: str) -> bool:
 
 
 def _in_time(a: RecordingReader, b: RecordingReader, name: str) -> bool:
-    """A process that simulated time waits for, or one of unknown kind."""
+    """Whether simulated time waits for the process, or its kind is unknown."""
     topic = a.topics.get(name) or b.topics[name]
     return topic.kind in TIMED or not topic.kind
 

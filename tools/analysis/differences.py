@@ -70,12 +70,12 @@ class TopicDifference:
 
     @property
     def is_equal(self) -> bool:
-        """Bit for bit, except for the omitted fields."""
+        """Whether all records are equal bit for bit, except for the omitted fields."""
         return not (self.fields or self.only_a or self.only_b or self.unknown)
 
     @property
     def is_within(self) -> bool:
-        """No field is beyond its tolerance, and no record is unpaired."""
+        """Whether no field is beyond its tolerance, and no record is unpaired."""
         return not (self.only_a or self.only_b or self.unknown or any(field.beyond for field in self.fields))
 
 

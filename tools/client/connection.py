@@ -120,7 +120,7 @@ class BridgeConnection:
 
     @property
     def is_simulated(self) -> bool:
-        """The robot's time is."""
+        """Whether the robot's time is simulated."""
         return bool(self.hello["clock"] != "wall")
 
     def stamp_ns(self, name: str) -> int:

@@ -71,15 +71,15 @@ class ConsoleHandle(Operated):
         return float(self._row()["scale"])
 
     def operator_present(self) -> bool:
-        """The operator is there."""
+        """Whether the operator is present."""
         return bool(self._row()["operator_present"])
 
     def clutch(self) -> bool:
-        """The clutch is pressed."""
+        """Whether the clutch is pressed."""
         return bool(self._row()["clutch"])
 
     def camera(self) -> bool:
-        """The camera pedal is pressed."""
+        """Whether the camera pedal is pressed."""
         return bool(self._row()["camera"])
 
     def emulate_operator_present(self, present: bool = True) -> None:
@@ -107,7 +107,7 @@ class TeleopHandle(Operated):
         return str(self._row()["desired_state"])
 
     def following(self) -> bool:
-        """The slave follows."""
+        """Whether the slave follows."""
         return bool(self._row()["following"])
 
     def reason(self) -> str:

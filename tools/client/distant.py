@@ -92,12 +92,12 @@ class DistantShown:
 
     @property
     def homed(self) -> bool:
-        """Homed, and powered."""
+        """Whether the arm is homed and powered."""
         return bool(self.row["is_homed"])
 
     @property
     def busy(self) -> bool:
-        """A move or transition is under way."""
+        """Whether a move or transition is in progress."""
         return bool(self.row["is_busy"])
 
     @property

@@ -101,19 +101,19 @@ class Instance(InstanceHandle):
         return watch.text("desired_state"), watch.stamp_ns
 
     def is_enabled(self) -> bool:
-        """Powered, and not paused."""
+        """Whether the arm is powered and not paused."""
         return self._record.look().state == "ENABLED"
 
     def is_disabled(self) -> bool:
-        """Without power, or on the way to it."""
+        """Whether the arm has no power, or is on the way to it."""
         return self._record.look().state == "DISABLED"
 
     def is_homed(self) -> bool:
-        """Homed, and powered."""
+        """Whether the arm is homed and powered."""
         return self._record.look().homed
 
     def is_busy(self) -> bool:
-        """A move or a transition is under way."""
+        """Whether a move or a transition is in progress."""
         return self._record.look().busy
 
     def wait_for_operating_state(self, state: str, timeout: float = 10.0) -> None:

@@ -91,7 +91,7 @@ class AtTerminal:
         return contextlib.nullcontext()
 
     def agrees(self, question: str) -> bool:
-        """A question that only a look can answer."""
+        """Whether the person confirms something that only a look can show."""
         while True:
             reported = input(f"{question} [y/n] ").strip().lower()
             if reported in ("y", "yes", "n", "no"):

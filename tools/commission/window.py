@@ -53,7 +53,7 @@ class Window:
         return np.asarray(self.fields[field][:, subject.row], dtype=bool)
 
     def ever_on(self, subject: Subject) -> Flags:
-        """Which actuators' amplifiers were on at any time (n,)."""
+        """Whether the amplifier of each actuator (n,) was on at any time."""
         found: Flags = np.any(self.fields["amp_on"][:, subject.axes], axis=0)
         return found
 

@@ -45,7 +45,7 @@ class Result:
 
     @property
     def ok(self) -> bool:
-        """No problems, no losses, and valid output."""
+        """Whether there are no problems, no losses, and valid output."""
         found = [problem for check in self.checks for problem in check.problems]
         return not self.converted.lost and not count((*self.problems, *found))
 

@@ -49,7 +49,7 @@ class SimTeleop(SeenRecord):
 
     @property
     def is_following(self) -> bool:
-        """The slave follows."""
+        """Whether the slave follows."""
         return bool(self.value("following"))
 
     @property

@@ -123,12 +123,12 @@ class ProcessStatus:
 
     @property
     def begins(self) -> bool:
-        """It is not up yet, but will be."""
+        """Whether the process is not up yet, but will be."""
         return self.state in BEGINNING and self.lifecycle != "STOPPED" and bool(self.lifecycle or self.lives)
 
     @property
     def moves_the_robot(self) -> bool:
-        """Without it no arm moves as it should; others record, show, or pass on."""
+        """Whether arms cannot move as they should without the process; other processes record, show, or forward."""
         return self.kind in (SUPERVISOR, "", *IN_TIME, *THIRD_PARTY)
 
     @property
@@ -204,7 +204,7 @@ def _waited_for(system: str) -> tuple[str, float]:
 
 
 def _is_stopped(one: ProcessStatus, rows: Mapping[str, Process]) -> bool:
-    """An operator has stopped it, and the system lacks it."""
+    """Whether an operator has stopped the process, and the system lacks it."""
     return one.exit_reason.partition(":")[0] == STOPPED and one.lifecycle == "STOPPED" and not one.problem and (
         one.name in rows and rows[one.name].start == ALWAYS)
 
@@ -333,7 +333,7 @@ def _slow(row: Process, page: ControlPage) -> str:
 
 
 def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
-    """Silent for longer than is allowed, and still so when looked at again: one late cycle is no stall."""
+    """Whether a process is silent for longer than allowed, also at a second look: one late cycle is no stall."""
     try:
         # In simulated time all wait for a process that has no core, so it may be silent for longer.
         late_ns = max(late_s(row), SIMULATED_LATE_S if simulated else 0.0) * 1e9

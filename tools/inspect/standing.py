@@ -65,12 +65,12 @@ class Standing:
 
     @property
     def is_between(self) -> bool:
-        """It is not homed, and changing to another state: POWERING, HOMING."""
+        """Whether it is not homed, and changes to another state: POWERING, HOMING."""
         return self.homed is False and " " in self.state
 
     @property
     def is_fault(self) -> bool:
-        """It is in FAULT."""
+        """Whether it is in FAULT."""
         return self.state.startswith(FAULT)
 
 

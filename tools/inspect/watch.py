@@ -126,12 +126,12 @@ class Watch(Closable):
 
     @property
     def busy(self) -> bool:
-        """A move or transition is under way."""
+        """Whether a move or transition is in progress."""
         return self.flag("is_busy")
 
     @property
     def homed(self) -> bool:
-        """Homed, and powered."""
+        """Whether the arm is homed and powered."""
         return self.flag("is_homed")
 
     def forget_errors(self) -> None:

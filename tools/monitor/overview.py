@@ -31,7 +31,7 @@ class Overview:
 
     @property
     def lives(self) -> bool:
-        """It has a supervisor: the display is current."""
+        """Whether the system has a supervisor, so that the display is current."""
         return self.supervisor == "RUNNING"
 
     @property
@@ -59,7 +59,7 @@ class Overview:
 
     @property
     def is_well(self) -> bool:
-        """No step is required."""
+        """Whether no step is required."""
         return self.lives and not first_thing(self.processes, self.standings)
 
 

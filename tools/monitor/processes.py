@@ -29,7 +29,7 @@ class ProcessRow:
 
     @property
     def is_gone(self) -> bool:
-        """Its figures are of the past."""
+        """Whether the figures are those of a process that no longer runs."""
         return self.status.problem == "dead" or self.status.state in ("STOPPED", "CREATED", "FAILED")
 
     @property

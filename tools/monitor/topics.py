@@ -38,7 +38,7 @@ class TopicRow:
 
     @property
     def is_old(self) -> bool:
-        """It has no current data."""
+        """Whether the topic has no current data."""
         if self.problem or self.age_s is None:
             return True
         return self.nominal_hz is not None and self.age_s > max(OLD_S, 10.0 / self.nominal_hz)

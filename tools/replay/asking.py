@@ -47,7 +47,8 @@ def moves_of(recording: RecordingReader, motions: Sequence[RecordedMotion]) -> R
 
 
 def _is_asked_again(name: str) -> bool:
-    """A move, or a command that stops one: all others change an arm's nature, power or release it, or are stream goals.
+    """Whether a command is a move, or stops one. All others change an arm's configuration or power, release it, or are
+    goals of a stream.
     """
     row = ROWS.get(name)
     return row is not None and (row.move or row.is_stop("", ()))

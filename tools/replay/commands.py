@@ -42,7 +42,7 @@ class RecordedCommand:
 
     @property
     def streams(self) -> bool:
-        """It is a goal of a stream."""
+        """Whether the command is a goal of a stream."""
         return any(row.name == self.name and row.stream for row in COMMANDS.get(self.kind, ()))
 
 
@@ -93,7 +93,7 @@ def _processes(recording: RecordingReader) -> set[int] | None:
 
 
 def _is_from_outside(command: RecordedCommand, ours: set[int] | None) -> bool:
-    """No process of the system sent it: else that will send it again by itself."""
+    """Whether no process of the system sent the command: otherwise that process will send it again by itself."""
     if not command.pid:
         return False
     return is_direct(command.origin, command.pid) if ours is None else command.pid not in ours

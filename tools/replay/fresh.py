@@ -130,11 +130,11 @@ class _Sender:
             self._places[key] = take_place(system, key[0], "trocar replay")
 
     def wakes(self, command: RecordedCommand) -> bool:
-        """A command wakes its owner."""
+        """Whether a command wakes its owner."""
         return self._places[command.instance, command.place].wakes
 
     def is_due(self, command: RecordedCommand) -> bool:
-        """Its owner looks by itself at that instant."""
+        """Whether the owner looks by itself at that instant."""
         return self._held.wake_ns(command.instance) == command.instant_ns
 
     def send(self, command: RecordedCommand, wake: bool = True) -> None:

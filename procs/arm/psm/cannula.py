@@ -65,9 +65,7 @@ class Cannula:
         found[INSERTION] = max(seed[INSERTION], found[INSERTION]) if seed[INSERTION] <= least else least
 
     def is_beyond(self, joints: JointSpace, tool: Tool, discs: Array) -> bool:
-        """The tip of a newly attached instrument is beyond the cannula, with the actuators (7,) at their present
-        positions.
-        """
+        """Whether the tip of a newly attached instrument is beyond the cannula, for the present actuators (7,)."""
         if joints.kinematics is None:
             return False
         least = self._control.arm.cannula_depth or (SNAKE_DEPTH if tool.snake else DEPTH)

@@ -138,7 +138,7 @@ class PsmLogic(ArmLogic):
             self.machine.publish()
 
     def note_ready(self) -> bool:
-        """True if `is_ready` has changed since the last call."""
+        """Whether `is_ready` has changed since the last call."""
         before, self._was_ready = self._was_ready, self.is_ready()
         return before is not self._was_ready
 

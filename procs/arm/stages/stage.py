@@ -39,7 +39,7 @@ class Stage:
 
     @property
     def is_late(self) -> bool:
-        """The deadline has passed."""
+        """Whether the deadline has passed."""
         return self.control.now_ns >= self.deadline_ns
 
     def fail(self, code: Code, text: str) -> None:

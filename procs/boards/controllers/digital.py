@@ -76,7 +76,7 @@ class Digital:
         return times
 
     def pins(self, on: Flags, enabled: Flags, broken: Flags, closed: Flags, tick: int) -> Flags:
-        """Which amplifiers are on from `tick` on; `closed`: watchdog and supply, (2, boards)."""
+        """Whether each amplifier is on from `tick` on; `closed`: watchdog and supply, (2, boards)."""
         self._count(tick)
         self.faults |= np.where(broken & self.axes, FAULT_BRIDGE, 0).astype(np.uint32)
         if self._any_prompt:

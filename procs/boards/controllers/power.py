@@ -166,7 +166,7 @@ class BoardPower:
         self.next_event = min(self._next_other, _first_after(tick, self._watchdog_at()))
 
     def _delay(self, awake: Flags, tick: int) -> Flags:
-        """Axes whose enable delay (QLA with an expander) is over."""
+        """Whether the enable delay of each axis (QLA with an expander) is over."""
         rising = awake & ~self.awake & self.traits.expander[:, None]
         if rising.any():
             self._delayed_until[rising] = self._after(tick, self.delay)[rising]

@@ -69,7 +69,7 @@ class BusReset:
 
     @property
     def is_local(self) -> bool:
-        """The device is the card itself."""
+        """Whether the device is the card itself."""
         return self.node == self.local_node
 
     def encode(self) -> bytes:

@@ -153,9 +153,7 @@ class Link:
         return True
 
     def _is_quiet(self) -> bool:
-        """The boards are or were away; True: a single read may be sent, for no reply to the previous one has come
-        lately.
-        """
+        """Whether a single read may be sent to boards that are or were away: no late reply has come recently."""
         now_ns, strays = self.now_ns(), self._strays
         if now_ns - self._alone_ns < QUIET_NS:
             return False
@@ -170,8 +168,7 @@ class Link:
         return True
 
     def _believes(self) -> bool:
-        """Replies to earlier reads are missing; returns whether a reply with the newest label answers the newest read.
-        """
+        """Whether a reply with the newest label answers the newest read, although earlier replies are missing."""
         if self._forgets:
             self._missing.clear()
         elif len(self._missing) == MAX_MISSING:
@@ -214,7 +211,7 @@ class Link:
 
     @property
     def misses_none(self) -> bool:
-        """No label rests."""
+        """Whether no label rests."""
         return not self._missing
 
     def receive(self, tl: int, timeout_ms: int, begin_ns: int = 0, come: int = NOTHING) -> int:

@@ -49,7 +49,7 @@ class BusNodes:
 
     @property
     def is_lost(self) -> bool:
-        """The map of nodes is out of date."""
+        """Whether the map of nodes is out of date."""
         return self._rescan.active
 
     def blame(self) -> bool:
@@ -58,7 +58,7 @@ class BusNodes:
         return False
 
     def settled(self) -> bool:
-        """True when the map of nodes is up to date."""
+        """Whether the map of nodes is up to date."""
         link = self._link
         if link.seen_generation != link.generation and not link.by_board and not self._rescan.active:
             self._rescan.start()

@@ -41,7 +41,7 @@ class Rows:
 
     @property
     def alike(self) -> bool:
-        """All boards have blocks of the same shape, and these fill whole rows."""
+        """Whether all boards have blocks of the same shape, which fill whole rows."""
         shapes = {(layout.firmware == 7, layout.motors, layout.encoders) for layout in self.layouts}
         width = self.columns.width
         return len(shapes) == 1 and next(iter(shapes))[1:] == (width, width)

@@ -25,7 +25,7 @@ _Peer = tuple[str, int]
 
 
 def is_loopback(address: str) -> bool:
-    """True inside 127/8."""
+    """Whether an address is inside 127/8."""
     return ipaddress.IPv4Address(address).is_loopback
 
 

@@ -54,7 +54,7 @@ class Shaft:
                 *(math.nan,) * (self.n - 3)]
 
     def within(self, q: list[float]) -> bool:
-        """Yaw, pitch and insertion are within their limits, or nearly."""
+        """Whether yaw, pitch and insertion are within their limits, or nearly."""
         return all(low <= value <= high for value, (low, high) in zip(q, self._ranges, strict=False))
 
     def rotation(self, q: list[float]) -> Turn:
