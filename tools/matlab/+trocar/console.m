@@ -66,19 +66,19 @@ classdef console < trocar.operated
         end
 
         function result = operator_present(self)
-            % The operator is there.
+            % Whether the operator is present.
             row = self.state();
             result = logical(row.operator_present);
         end
 
         function result = clutch(self)
-            % The clutch is pressed.
+            % Whether the clutch is pressed.
             row = self.state();
             result = logical(row.clutch);
         end
 
         function result = camera(self)
-            % The camera pedal is pressed.
+            % Whether the camera pedal is pressed.
             row = self.state();
             result = logical(row.camera);
         end

@@ -35,23 +35,23 @@ classdef instance < handle
         end
 
         function result = is_enabled(self)
-            % Powered, and not paused.
+            % Whether the arm is powered and not paused.
             result = strcmp(self.operating_state(), 'ENABLED');
         end
 
         function result = is_disabled(self)
-            % Without power, or on the way to it.
+            % Whether the arm has no power, or is on the way to it.
             result = strcmp(self.operating_state(), 'DISABLED');
         end
 
         function result = is_homed(self)
-            % Homed, and powered.
+            % Whether the arm is homed and powered.
             row = self.state();
             result = logical(row.is_homed);
         end
 
         function result = is_busy(self)
-            % A move or a transition is under way.
+            % Whether a move or a transition is in progress.
             row = self.state();
             result = logical(row.is_busy);
         end

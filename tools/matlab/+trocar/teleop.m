@@ -21,7 +21,7 @@ classdef teleop < trocar.operated
         end
 
         function result = following(self)
-            % The slave follows.
+            % Whether the slave follows.
             row = self.state();
             result = logical(row.following);
         end
