@@ -20,6 +20,7 @@ from typing import Annotated, Any
 import typer
 
 from trocar.procs.machine.end_signals import ctrl_c_ends, ctrl_c_raises
+from trocar.procs.machine.imports import many_imports
 from trocar.procs.machine.paths import ROOT
 from trocar.procs.machine.version import VERSION
 from trocar.tools.output.errors import Misuse, Problem
@@ -240,7 +241,8 @@ def main() -> None:
     warnings.showwarning = _warned
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a verb computes nothing that threads of numpy are worth
     ctrl_c_ends()
-    app = build(_verb_asked(sys.argv[1:]))
+    with many_imports():
+        app = build(_verb_asked(sys.argv[1:]))
     ctrl_c_raises()
     with _readers_may_leave():
         app(prog_name="trocar")

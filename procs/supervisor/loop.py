@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from trocar.procs.machine.imports import many_imports
 from trocar.procs.machine.open_files import raise_limit
 from trocar.procs.supervisor.forking import Template
 
@@ -29,7 +30,8 @@ def main() -> None:
     chosen, template = arguments(), Template()
     raise_limit()  # before there is a process that inherits it
     template.start()
-    from trocar.procs.supervisor.run import run  # takes as long as the template's imports meanwhile
+    with many_imports():
+        from trocar.procs.supervisor.run import run  # takes as long as the template's imports meanwhile
 
     sys.exit(run(chosen, template))
 

@@ -1,10 +1,11 @@
-"""The template: a process that has imported the loops of most kinds, has opened nothing, and forks their processes.
+"""The template: a process that has imported the loops of real-time kinds, has opened nothing, and forks processes.
 
     python -m trocar.procs.supervisor.template SOCKET PADDING
 
 A fresh interpreter needs 0.3 s of a core for imports, and shares none of its memory. A fork of the template begins in
-milliseconds and shares the imported modules. Each request on the socket is one process: its command line, new
-environment variables, a descriptor for its output and one that signals its start. The reply is its process id.
+milliseconds and shares the imported modules; the recorder imports the rest itself. Each request on the socket is one
+process: its command line, new environment variables, a descriptor for its output and one that signals its start. The
+reply is its process id.
 
 Each process is forked twice; the intermediate process ends at once, so that the supervisor, which adopts orphans,
 becomes the parent. The template ends when source files have changed since their import, or the supervisor is gone.
@@ -14,7 +15,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import gc
 import importlib
 import json
 import os
@@ -26,6 +26,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, NoReturn
 
+from trocar.procs.machine.imports import many_imports
 from trocar.procs.machine.paths import PACKAGE
 
 READY: Final = b"ready"
@@ -39,11 +40,11 @@ def main() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # the supervisor blocks it until it has a handler
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # also while stopped; forks do not inherit it
     asking = socket.socket(fileno=int(sys.argv[1]))
-    for row in importlib.import_module("trocar.procs.tables.manifest").PROCS:
-        if row.is_forked:
-            importlib.import_module(row.module)
-    gc.collect()
-    gc.freeze()  # a collection in a forked process would touch, and so copy, all of it
+    os.environ["MUJOCO_GL"] = "disable"  # else MuJoCo loads a library of windows, too
+    with many_imports():
+        for row in importlib.import_module("trocar.procs.tables.manifest").PROCS:
+            if row.realtime:
+                importlib.import_module(row.module)
     module = _serve(asking, _stamps(_sources()))
     if module:
         _end(_run(module))
@@ -52,7 +53,7 @@ def main() -> None:
 def _run(module: str) -> int:
     """Run a module's `main`; returns the exit code."""
     try:
-        sys.modules[module].main()
+        importlib.import_module(module).main()
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except BaseException:

@@ -112,7 +112,7 @@ class Proc:
 
     @property
     def is_forked(self) -> bool:
-        """Whether it is forked off the template, which has imported its module; others get a new interpreter."""
+        """Whether it is forked off the template; others get a new interpreter."""
         return self.realtime or self.is_first
 
 

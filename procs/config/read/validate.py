@@ -50,7 +50,7 @@ VersionAsText = BeforeValidator(_whole_as_text)
 class Section(BaseModel):
     """A frozen, strict part of a file: no conversions between types, no inf or nan; `validate` reports unknown keys."""
 
-    model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False)
+    model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False, defer_build=True)
     counts_when_empty: ClassVar[bool] = False
     """Whether an empty section differs from an absent one."""
 
