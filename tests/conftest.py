@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import itertools
 import os
 import re
@@ -58,6 +59,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items_left += searches.done(config, items)
     items[:] = [item for item in items if item not in items_left]
     config.hook.pytest_deselected(items=items_left)
+
+
+def pytest_collection_finish() -> None:
+    """Of thousands of tests, nothing becomes garbage before the end; no collection needs to look through them."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collectreport(report: pytest.CollectReport) -> None:
