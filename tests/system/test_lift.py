@@ -1,13 +1,12 @@
-"""A motorised column whose process is held up, or killed, while it lifts: the emulated lift stops by itself."""
+"""A motorised column whose process is stalled, or killed, while it lifts: the emulated lift stops by itself."""
 
 from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.system.robot import Robot, wait_for
@@ -59,44 +58,71 @@ class Column:
         self._cart.close()
 
 
-NOISE_V = 2e-3
+class Lifting:
+    """A homed cart that an operator lifts, and what strikes its process."""
 
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.column, self.client = robot, Column(robot), Client(robot.name, "SUJ")
+        self._cart = directory.reader(robot.name, "SUJ", "state", "suj")
+        self._events = directory.reader(robot.name, "SUJ", "events", "suj")
 
-@pytest.mark.parametrize("strikes", [signal.SIGSTOP, signal.SIGKILL], ids=["held up for 40 ms", "killed"])
-def test_a_column_that_lifts_when_its_process_is_struck_stops_until_an_operator_asks(
-        robot: Robot, data: Callable[[str], Path], strikes: signal.Signals) -> None:
-    robot.up(data("dvrk-site/jhu-daVinci/system-SUJ.json"), "--path", str(data("dvrk-share")), "--boards", "emulated",
-             *PATIENT)
-    robot.home("SUJ")
-    column, client = Column(robot), Client(robot.name, "SUJ")
-    cart = directory.reader(robot.name, "SUJ", "state", "suj")
-    try:
-        before = column.next_height()
-        client.send("set_lift_velocity", (1.0,))
-        wait_for(column.is_enabled, 10, "the lift")
-        pause(0.3)
-        assert cart.newest()
-        epoch, pid = cart.epoch, robot.pid("SUJ")
+    def begins(self, velocity: float) -> None:
+        """To lift, for a second."""
+        self.client.send("set_lift_velocity", (velocity,))
+        wait_for(self.column.is_enabled, 10, "the lift")
+
+    def strike(self, strikes: signal.Signals) -> None:
+        """Its process dies, or stalls; wait until it has started again."""
+        assert self._cart.newest()
+        epoch, pid = self._cart.epoch, self.robot.pid("SUJ")
         os.kill(pid, strikes)
         if strikes is signal.SIGSTOP:
             try:
                 pause(HELD_UP_S)
             finally:
                 os.kill(pid, signal.SIGCONT)
-        wait_for(lambda: cart.newest() and cart.epoch > epoch, 60, "setup joints that began anew")
-        assert (robot.pid("SUJ") == pid) == (strikes is signal.SIGSTOP)
-        wait_for(lambda: not column.is_enabled(), 2, "the amplifier of the lift disabled")
-        wait_for(lambda: cart.newest() and bytes(cart.field("state").item()) == b"ENABLED", 30, "goes on")
-        assert column.stands() and not column.is_enabled() and column.height() != pytest.approx(before, abs=NOISE_V)
-        stood = column.height()
-        client.send("set_lift_velocity", (-1.0,))
-        wait_for(column.is_enabled, 10, "the lift")
-        wait_for(lambda: not column.is_enabled(), 10, "its end after a second")
-        assert abs(column.next_height() - stood) > NOISE_V and column.stands()
-        refused = [row["text"] for row in directory.reader(robot.name, "SUJ", "events", "suj").last(100)
-                   if row["code"] == b"io-refused"]
-        assert refused == []
-    finally:
-        for part in (cart, client, column):
+        wait_for(lambda: self._cart.newest() and self._cart.epoch > epoch, 60, "setup joints that have started again")
+        assert (self.robot.pid("SUJ") == pid) == (strikes is signal.SIGSTOP)
+
+    def state(self) -> bytes:
+        assert self._cart.newest()
+        return bytes(self._cart.field("state").item())
+
+    def refusals(self) -> list[str]:
+        """By io."""
+        return [str(row["text"]) for row in self._events.last(100) if row["code"] == b"io-refused"]
+
+    def close(self) -> None:
+        for part in (self.column, self.client, self._cart, self._events):
             part.close()
-    assert np.isfinite(stood)
+
+
+NOISE_V = 2e-3
+
+
+@pytest.fixture
+def lifting(robot: Robot, data: Callable[[str], Path]) -> Iterator[Lifting]:
+    """The cart of a site, homed."""
+    robot.up(data("dvrk-site/jhu-daVinci/system-SUJ.json"), "--path", str(data("dvrk-share")), "--boards", "emulated",
+             *PATIENT)
+    robot.home("SUJ")
+    made = Lifting(robot)
+    yield made
+    made.close()
+
+
+def test_a_column_that_lifts_when_its_process_is_struck_stops_until_an_operator_asks(lifting: Lifting) -> None:
+    for strikes in (signal.SIGSTOP, signal.SIGKILL):
+        before = lifting.column.next_height()
+        lifting.begins(1.0)
+        pause(0.3)
+        lifting.strike(strikes)
+        wait_for(lambda: not lifting.column.is_enabled(), 2, "the amplifier of the lift disabled")
+        wait_for(lambda: lifting.state() == b"ENABLED", 30, "enabled again")
+        assert lifting.column.stands() and not lifting.column.is_enabled()
+        stood = lifting.column.height()
+        assert stood != pytest.approx(before, abs=NOISE_V)
+        lifting.begins(-1.0)
+        wait_for(lambda: not lifting.column.is_enabled(), 10, "its end after a second")
+        assert abs(lifting.column.next_height() - stood) > NOISE_V and lifting.column.stands()
+        assert lifting.refusals() == []
