@@ -30,7 +30,7 @@ APP = cli.build()
 WIDTHS = (60, 80, 120)
 WORDS = st.text(st.characters(categories=("L", "N", "P"), max_codepoint=0x17F), min_size=1, max_size=20)
 TEXTS = st.lists(WORDS, max_size=40).map(" ".join) | st.floats().map("{:.9g}".format)
-REASON = "the joint controller cannot follow its setpoint; look for a collision or a too fast command " * 2
+REASON = "the joint controller cannot follow its setpoint; check for a collision or too fast a command " * 2
 
 
 def words_of(lines: list[str]) -> list[str]:

@@ -205,7 +205,7 @@ def test_a_fault_is_shown_with_its_remedy(world: World) -> None:
         played.arm.field("reason")[...] = b"axis 2 cannot follow"
         played.show_arm(0.1, "FAULT")
         await pilot.press("5")
-        await until(app, pilot, "FAULT", "why: axis 2 cannot follow", "remedy: look for a collision", "first: ")
+        await until(app, pilot, "FAULT", "why: axis 2 cannot follow", "remedy: check for a collision", "first: ")
         await pilot.press("2")
         head = str(app.query_one("#head", Static).render()).replace("\n", " ")
         await until(app, pilot, *head.split()[-4:])
