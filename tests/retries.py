@@ -18,7 +18,7 @@ from trocar.tools.output.errors import Problem
 
 CAUSES: Final = (codes.HELD_UP, codes.PROCESS_LATE, codes.PERIOD, codes.PERIOD_LONG, codes.BOARDS_LATE)
 """What a process, io, the supervisor or emulated boards report when they had no core in time."""
-TOO_BUSY: Final = re.compile("|".join((r"held up for \d", *(r"\S+".join(map(re.escape, code.remedy.split("NAME")))
+TOO_BUSY: Final = re.compile("|".join((r"stalled for \d", *(r"\S+".join(map(re.escape, code.remedy.split("NAME")))
                                                             for code in CAUSES))))
 MOST: Final = 5
 BUDGET: Final = 25

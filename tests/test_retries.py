@@ -39,7 +39,7 @@ def test_a_failure_is_tried_again_only_where_the_system_reported_that_it_was_too
     assert tries(log, ["it failed", ""])[0] == 1 and counted == []
     busy = codes.HELD_UP.remedy_for("PSM1")
     assert tries(log, ["it failed", ""], busy) == (2, "") and len(counted) == 1
-    assert tries(log, ["this program was held up for 1.2 s", ""]) == (2, "")
+    assert tries(log, ["this program stalled for 1.2 s", ""]) == (2, "")
 
 
 def test_what_fails_each_time_fails_in_the_end(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ class Calls:
         if not self._rights.powers and may_power(row, text, values):
             raise WrongMessage(f"{to} {command}: {MAY_NOT}")
         if self._is_over():
-            raise WrongMessage("the bridge was held up; what was asked meanwhile is not done")
+            raise WrongMessage("the bridge stalled; requests received meanwhile were dropped")
         try:
             if to not in self._clients:
                 self._clients[to] = Client(self._system, to, self.program, peer=self._peer)

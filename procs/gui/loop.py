@@ -49,7 +49,7 @@ class GuiLoop(ServingLoop):
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """Send the pages' data, publish their activity."""
         if late_ns := self._pauses.next(self._period_ns):
-            self._browsers.forget(f"the web console was held up for {duration(late_ns)}")
+            self._browsers.forget(f"the web console stalled for {duration(late_ns)}")
             self._pauses.begin()
         self._browsers.tick(now_ns)
         self.show(now_ns)

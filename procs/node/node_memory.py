@@ -149,7 +149,7 @@ class NodeMemory:
 
     def report_pause(self, held_up_ns: int) -> None:
         """Report that it was stalled so long that it restarts, as if it had been killed and started again."""
-        held_up = f"{self.name} was held up for {duration(held_up_ns)}"
+        held_up = f"{self.name} stalled for {duration(held_up_ns)}"
         self._begun = held_up, held_up
         self.page.show("STARTING")
         self.page.field("pauses")[...] += 1
@@ -174,7 +174,7 @@ class NodeMemory:
             silent_s = self.lost_s()
             is_patient = self.simulated and not (self._is_child and os.getppid() != self._supervisor.get("pid"))
             if silent_s and (not is_patient or silent_s * 1e9 > SIMULATED_LOST * self._lost_ns):
-                self.stop(f"the supervisor has not beaten for {silent_s:.1f} s")
+                self.stop(f"no heartbeat of the supervisor for {silent_s:.1f} s")
         return bool(self.stop_reason)
 
     def lost_s(self) -> float:

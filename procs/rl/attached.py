@@ -280,7 +280,7 @@ class AttachedRobot(RobotBackend):
         late_ns = 0 if self._due_ns is None else now_ns - self._due_ns
         self._due_ns = now_ns + period_ns
         if late_ns > GAP_NS:
-            self._give_up(f"this program was held up for {late_ns * 1e-9:.2f} s")
+            self._give_up(f"this program stalled for {late_ns * 1e-9:.2f} s")
 
     def check(self) -> None:
         if self._stopped:

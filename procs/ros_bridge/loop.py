@@ -163,8 +163,8 @@ class RosLoop(UserNode):
             self._deaf_until_ns = now + DEAF_NS
         if now - before > self.own.late_s * 1e9:
             self._forgets_all = True
-            self.own.events.report(codes.HELD_UP, f"{self.name} was held up for {duration(now - before)}; what came "
-                                   "meanwhile is left out", self.name, value=(now - before) * 1e-9,
+            self.own.events.report(codes.HELD_UP, f"{self.name} stalled for {duration(now - before)}; messages "
+                                   "received meanwhile were dropped", self.name, value=(now - before) * 1e-9,
                                    limit=self.own.late_s)
         if now >= self._deaf_until_ns:
             self._forgets_all = False

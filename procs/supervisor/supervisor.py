@@ -160,7 +160,7 @@ class Supervisor:
         lost_s = self.system.supervisor_lost_s * (1 if self.system.clock == WALL else SIMULATED_LOST)
         if passed_s > lost_s and not self.stopping:
             self.lost = True
-            self.stopping = f"was held up for {passed_s:.1f} s; its processes have ended; start the system again"
+            self.stopping = f"stalled for {passed_s:.1f} s; its processes have ended; start the system again"
         self.page.field("heartbeat_ns")[...] = now
         self._systemd.beat(now)
 

@@ -39,7 +39,7 @@ CONTROL = Topic(
         Field("cycles", "<u8", "", "cycles since start"),
         Field("missed", "<u8", "", "deadlines missed since start"),
         Field("overruns", "<u8", "", "cycles whose work took longer than the period, since start"),
-        Field("pauses", "<u8", "", "how often it was held up too long and began anew, since start"),
+        Field("pauses", "<u8", "", "stalls that made it restart its work, since start"),
         Field("interval_cycles", "<u8", "", "cycles in the last full second"),
         Field("period_avg", "<f8", "s", "mean period"),
         Field("period_std", "<f8", "s", "standard deviation"),

@@ -1,4 +1,4 @@
-"""Arms whose process is killed, or held up for 31 ms, in every state: what the new one orders of io is accepted."""
+"""Arms whose process is killed, or stalled for 31 ms, in every state: what the new one orders of io is accepted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.arm.fake_psm import DRIVER, SwitchedPsm, with_adapter
 from tests.arm.fake_requests import FakeRequest
 from trocar.shm.mailbox.origins import NOBODY
 
-AWAY_NS = {"held up for 31 ms": 31_000_000, "killed": SECOND // 2}
+AWAY_NS = {"stalled for 31 ms": 31_000_000, "killed": SECOND // 2}
 EFFORTS = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
 
 

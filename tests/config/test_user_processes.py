@@ -59,7 +59,7 @@ def test_those_of_a_host_share_its_process_and_period(home: Home, beside: Path) 
     ("{name: mine, module: yours.py}", ".mine.module", "no such file", "systems"),
     ("{name: mine, module: mine.py, topic: []}", ".mine.topic", 'did you mean "topics"', "commands"),
     ("{name: mine, topics: [{name: a, fields: [{name: x}]}]}", ".mine", "", ""),
-    ("{name: mine, module: mine.py, priority: 50}", ".mine.priority", "as programs usually do", "0"),
+    ("{name: mine, module: mine.py, priority: 50}", ".mine.priority", "normal scheduling", "0"),
     ("{name: PSM1, module: mine.py}", ".PSM1", "taken by a process of Trocar", "a name of its own"),
     ("{name: mine, module: mine.py, topics: [{name: events, fields: [{name: x}]}]}", ".mine.topics[0].name",
      "this name is taken", "none of audit"),

@@ -347,12 +347,12 @@ def test_who_was_held_up_disconnects_all_and_hears_no_more_of_them(world: World)
         browser.handle('{"op": "control", "take": true}')
         console.is_over = True
         answer = await console.ask(browser, page, "call", to="PSM1", command="move_jp", values=[0.0] * 6)
-        assert "held up" in answer["text"]
+        assert "stalled" in answer["text"]
         console.is_over = False
-        console.all.forget("held up")
+        console.all.forget("stalled")
         browser.handle('{"op": "call", "to": "PSM1", "command": "hold"}')
         await console.tick()
-        assert page.closed == "held up" and executed(console.robot) == []
+        assert page.closed == "stalled" and executed(console.robot) == []
         assert console.control.holder(monotonic_ns()) == ""
 
     play(world.name, story)

@@ -168,7 +168,7 @@ def test_a_held_up_process_drops_everything_and_begins_anew(
     runtime.live(node, lambda node: PausedProcess(node, clock, client, sent))
     assert (PausedProcess.lives, state.epoch, node.page.get("pauses"), node.stop_reason) == (2, 2, 1, "enough")
     assert [bool(number) for number in sent] == [True, False, False, True], "nothing of the old cycle is sent"
-    held_up = "PSM1 was held up for 1.5 s"
+    held_up = "PSM1 stalled for 1.5 s"
     assert client.poll() == [Reply(1, "accepted", ""), Reply(1, "failed", held_up), Reply(2, "refused", held_up)]
     (row,) = [row for row in events.last(10) if row["code"] == b"held-up"]
     assert (row["text"].decode(), float(row["limit"])) == (held_up, 0.03)

@@ -50,7 +50,7 @@ def test_who_was_held_up_does_not_go_on(psm: Host) -> None:
     psm.run(0.09)
     assert not env.step(np.ones(7))[2]
     psm.run(0.15)
-    is_over(env, "this program was held up for 0.1")
+    is_over(env, "this program stalled for 0.1")
     env.close()
 
 

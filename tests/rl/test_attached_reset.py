@@ -120,7 +120,7 @@ def test_whatever_ends_the_slow_move_the_arm_holds(psm: Host, monkeypatch: pytes
 def test_who_was_held_up_in_the_slow_move_does_not_go_on(psm: Host, monkeypatch: pytest.MonkeyPatch) -> None:
     env = made(psm)
     monkeypatch.setattr(HostTime, "hold_ups", 20)
-    with pytest.raises(RobotStopped, match=r"this program was held up for 0.2"):
+    with pytest.raises(RobotStopped, match=r"this program stalled for 0.2"):
         env.reset(options={"start": 1})
     psm.run(0.1)
     state = psm.reader("PSM1")

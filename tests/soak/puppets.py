@@ -100,7 +100,7 @@ def _beat(arm: Remote, command: str, values: Callable[[float], Array], chance: r
     while True:
         now_ns = monotonic_ns()
         if now_ns - last_ns > HELD_UP_NS:
-            raise Problem(f"held up for {(now_ns - last_ns) * 1e-9:.2f} s")
+            raise Problem(f"stalled for {(now_ns - last_ns) * 1e-9:.2f} s")
         last_ns = now_ns
         goal = values((now_ns - begin_ns) * 1e-9)
         if asked_for and chance is not None:

@@ -253,7 +253,7 @@ def rests(cart: Cart) -> bool:
     return height(cart) == before and bool(cart.harness.record.output[outputs.index("disable_PWM")])
 
 
-@pytest.mark.parametrize("at_once", [True, False], ids=["held up for 31 ms", "killed"])
+@pytest.mark.parametrize("at_once", [True, False], ids=["stalled for 31 ms", "killed"])
 @pytest.mark.parametrize("by", ["a command", "a button"])
 def test_a_lift_that_moves_when_its_process_begins_anew_stops_and_waits_for_an_operator(known: Cart, by: str,
                                                                                        at_once: bool) -> None:

@@ -1,4 +1,4 @@
-"""Setup joints whose process is killed, or held up for 31 ms, in every state: what the new one orders is accepted."""
+"""Setup joints whose process is killed, or stalled for 31 ms, in every state: what the new one orders is accepted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trocar.procs.document.cart import CLASSIC, FIXED, SI
 from trocar.procs.suj.machine import SetupState
 
 BUTTON = "SUJ_clutch_3"  # of PSM1's plug
-AWAY_MS = {"held up for 31 ms": 31, "killed": 500}
+AWAY_MS = {"stalled for 31 ms": 31, "killed": 500}
 
 
 def disabled(cart: QuietCart) -> None:

@@ -223,7 +223,7 @@ def test_a_supervisor_that_was_held_up_ends_instead_of_starting_all_again(
     monkeypatch.setattr(running, "monotonic_ns", lambda: monotonic_ns() + 3_000_000_000)
     supervisor.run(None)
     assert supervisor.lost and child.restarts == 0 and process_of(supervisor).pid == 0
-    assert re.match(r"was held up for \d+\.\d s; its processes have ended", supervisor.stopping)
+    assert re.match(r"stalled for \d+\.\d s; its processes have ended", supervisor.stopping)
 
 
 @pytest.mark.slow

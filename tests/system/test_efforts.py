@@ -202,7 +202,7 @@ def test_a_stream_that_was_held_up_ends_and_does_not_jump(running: Robot, psm: P
     since = psm.now_ns()
     os.kill(stream.pid, signal.SIGCONT)
     reported, _ = stream.communicate(timeout=60)
-    assert stream.returncode == 1 and "held up for " in reported, reported
+    assert stream.returncode == 1 and "stalled for " in reported, reported
     psm.wait_ns(1_000_000_000)
     assert np.abs(psm.truth(since, "velocity")[:, 0]).max() < 0.1, "a jump"
     assert psm.mode == POSITION

@@ -104,7 +104,7 @@ def held_up_supervisor_ends(robot: Robot) -> None:
         assert robot.supervisor.wait(60) == 1
     finally:
         robot.down()
-    assert re.search(r"was held up for \d+\.\d s; its processes have ended", robot.output())
+    assert re.search(r"stalled for \d+\.\d s; its processes have ended", robot.output())
     assert robot.output().count("started again") == before and robot.left_over() == []
 
 

@@ -63,7 +63,7 @@ class Part:
         wait_for(lambda: self.ring.epoch > epoch, 10, f"{self.name} restarts")
         assert self.robot.pid(self.name) == pid, "the same process"
         reported = [row["text"].decode() for row in self.events.last(100) if row["code"] == b"held-up"]
-        assert reported[-1].startswith(f"{self.name} was held up for ")
+        assert reported[-1].startswith(f"{self.name} stalled for ")
         wait_for(lambda: self.ring.newest() and self.ring.stamp_ns > stopped_ns + PAUSE_S * 1e9, 10, "its record")
         return stopped_ns
 
@@ -82,7 +82,7 @@ def went(ring: RingReader, field: str, since_ns: int, axes: int) -> float:
 
 
 def held_up(answers: list[tuple[str, str]], name: str) -> bool:
-    return bool(answers) and answers[-1][0] == "failed" and answers[-1][1].startswith(f"{name} was held up for ")
+    return bool(answers) and answers[-1][0] == "failed" and answers[-1][1].startswith(f"{name} stalled for ")
 
 
 def test_who_is_held_up_while_a_slave_follows_ends_that_until_presence_is_shown_again(robot: Robot) -> None:

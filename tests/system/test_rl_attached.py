@@ -71,7 +71,7 @@ def a_fault_ends_it(robot: Robot, env: PsmReach) -> None:
         _, _, terminated, _, info = env.step(np.zeros(7))
         if terminated:
             break
-    assert terminated and ("PSM1 is FAULT" in info["fault"] or "held up" in info["fault"]), info  # by the verb
+    assert terminated and ("PSM1 is FAULT" in info["fault"] or "stalled" in info["fault"]), info  # by the verb
     robot.trocar("send", "boards", "emergency_stop", "0")
     with pytest.raises(RobotStopped, match=r"trocar status"):
         env.reset()

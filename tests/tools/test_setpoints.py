@@ -95,7 +95,7 @@ def test_a_stream_that_was_held_up_does_not_go_on(monkeypatch: pytest.MonkeyPatc
     wait(0.09)
     assert next(numbers) == 58 and skipped == [8], "late, not held up"
     wait(1.5)
-    with pytest.raises(HeldUp, match=r"held up for 1\.5 s"):
+    with pytest.raises(HeldUp, match=r"stalled for 1\.5 s"):
         next(numbers)
 
 

@@ -267,7 +267,7 @@ def _watch(system: str, seconds: float) -> dict[str, float]:
             raise Problem("io got no good sample from the emulated boards; is the machine busy? (trocar logs)")
         _look(reader)
         if reader.epoch != life:
-            raise Problem("io began anew while it was measured; is the machine busy? (trocar logs)")
+            raise Problem("io stalled and restarted during the measurement; is the machine busy? (trocar logs)")
         packets, used_s = _packets() - packets, cpu_s(pid) - used_s
         cycles, span = int(reader.field("cycle")) - first, reader.stamp_ns - begin
         latency, stamp = np.concatenate(latencies) * 1e-3, np.unique(np.concatenate(stamps))

@@ -173,7 +173,7 @@ def holding_at_end(remotes: Sequence[Remote], what: str) -> Iterator[None]:
         try:
             yield
         except HeldUp as held:
-            raise Problem(f"this program was {held}: {what} has ended and the arm holds") from None
+            raise Problem(f"this program {held}: {what} has ended and the arm holds") from None
 
 
 def _hold(remote: Remote) -> None:
@@ -195,7 +195,7 @@ def waited(until: Callable[[], bool], arms: Sequence[Follower], time: SystemTime
         pause(SLICE_S)
         before_ns, looked_ns = looked_ns, boottime_ns()
         if looked_ns - before_ns > MAX_GAP_S * 1e9:
-            raise HeldUp(f"held up for {(looked_ns - before_ns) * 1e-9:.1f} s")
+            raise HeldUp(f"stalled for {(looked_ns - before_ns) * 1e-9:.1f} s")
         for arm in arms:
             arm.look()
         if time.now_ns() != at_ns:
@@ -248,7 +248,7 @@ def beats(rate_hz: float, count: int | None, skipped: list[int], longest_s: floa
         last_ns, begun_ns = begun_ns, gap_ns()
         held_s = (begun_ns - last_ns - period_ns) * 1e-9
         if held_s > longest_s:
-            raise HeldUp(f"held up for {held_s:.1f} s")
+            raise HeldUp(f"stalled for {held_s:.1f} s")
         late = int((now_ns() - deadline) // period_ns)
         if count is not None:
             late = min(late, count - number)

@@ -164,7 +164,7 @@ def judge_silence(io: IoConfig, boards: Sequence[int], silence: Silence) -> list
                      limit, "this controller must not drive a robot: have it looked at")
              for board in boards if board not in silence.cut_s]
     found += [Finding(f"{io.name}, board {board}", f"its watchdog was not seen to act before {at:.2f} s had passed",
-                      limit, "this computer was held up while it looked, perhaps: try again with nothing else running")
+                      limit, "this computer may have stalled during the check: try again with nothing else running")
               for board, at in silence.cut_s.items() if at > io.watchdog_s + SLACK_S]
     found += [Finding(f"{io.name}, board {board} axis {axis}", "its amplifier stayed on without a host", "off",
                       "this controller must not drive a robot: have it looked at") for board, axis in silence.still_on]

@@ -369,5 +369,5 @@ def remarks(process: ProcessStatus) -> str:
     if latency:
         in_us = {part: latency[part] * 1e6 for part in PARTS}
         parts.append("reply to write {avg:.0f} ± {std:.0f} µs, {min:.0f} to {max:.0f}, p99 {p99:.0f}".format(**in_us))
-    parts += [f"held up {process.pauses} times"] if process.pauses else []
+    parts += [f"stalled {process.pauses} times"] if process.pauses else []
     return "; ".join(parts + ([f"last ended: {process.exit_reason}"] if process.exit_reason else []))

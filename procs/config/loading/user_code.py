@@ -176,7 +176,7 @@ def _process(system: SystemFiles, key: Key, name: str, row: ProcessKeys, period_
     if not is_name(name):
         system.error(key, f"{name!r} is no name of a process", "letters, digits, _ and -, at most 40")
     if row.priority and not row.host:
-        system.error((*key, "priority"), "it runs as programs usually do, and holds no robot up", "0, or none")
+        system.error((*key, "priority"), "it has normal scheduling, so that it never delays a robot", "0, or none")
     _check_once(system, (*key, "topics"), [topic.name for topic in row.topics], _TAKEN)
     _check_once(system, (*key, "properties"), [prop.name for prop in row.properties], set())
     return UserProcess(

@@ -34,8 +34,8 @@ def test_a_line_is_read_as_it_was_written(log: tuple[logging.Logger, io.StringIO
 
 def test_the_name_of_the_log_is_not_said_in_it(log: tuple[logging.Logger, io.StringIO]) -> None:
     logger, out = log
-    logger.warning("PSM1: held up")
-    assert parsed(out.getvalue()).text == "held up"
+    logger.warning("PSM1: stalled")
+    assert parsed(out.getvalue()).text == "stalled"
 
 
 def test_a_traceback_follows_its_line(log: tuple[logging.Logger, io.StringIO]) -> None:

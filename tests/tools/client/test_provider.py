@@ -329,7 +329,7 @@ def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], cloc
         clock.now_ns += 1_505_000_000
         master.write(QUARTER)
         assert place.ring.epoch == 2 and master.held_up_s == pytest.approx(1.5)
-        words = "MTMR was held up for 1.5 s"
+        words = "MTMR stalled for 1.5 s"
         assert [reply.text for reply in place.client.poll()] == [words]
         assert ("warning", "MTMR", words) in place.reported()
         assert not place.value("reference_valid"), "that pose may be from before the pause"

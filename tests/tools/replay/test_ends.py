@@ -142,7 +142,7 @@ WAYS = pytest.mark.parametrize("way", [by_stream, by_replay, by_commands])
 @pytest.mark.parametrize("at_s", [0.5, 3.5], ids=["approaching", "going on"])
 @pytest.mark.parametrize(("accident", "said"), [
     ("interrupt", None), ("fault", "went to FAULT"), ("pause_and_resume", "went to PAUSED"),
-    ("stop_us", "held up for 0.5"),
+    ("stop_us", "stalled for 0.5"),
 ])
 def test_whatever_ends_it_the_arm_is_asked_to_hold(arm: PlayedArm, tmp_path: Path, way: Any, at_s: float, accident: str,
                                                    said: str | None) -> None:
@@ -247,7 +247,7 @@ class DeafRemote:
 
 def test_each_arm_is_asked_to_hold_whatever_becomes_of_the_others(capsys: pytest.CaptureFixture[str]) -> None:
     remotes: list[Any] = [DeafRemote("PSM1"), DeafRemote("PSM2", MailboxFull("no room")), DeafRemote("PSM3")]
-    with pytest.raises(Problem, match=r"held up for 2 s: the replay has ended"), holding_at_end(remotes, "the replay"):
-        raise HeldUp("held up for 2 s")
+    with pytest.raises(Problem, match=r"stalled for 2 s: the replay has ended"), holding_at_end(remotes, "the replay"):
+        raise HeldUp("stalled for 2 s")
     assert [remote.asked for remote in remotes] == [["hold"]] * 3
     assert "PSM2 could not be asked to hold: no room" in capsys.readouterr().err
