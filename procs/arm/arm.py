@@ -127,7 +127,7 @@ class ArmLogic:
         control = self.control
         control.report_episode(codes.EFFORT_TIMEOUT,
                                f"no effort command for {control.arm.effort_timeout_s:g} s; holding")
-        control.stop(control.io.setpoint, Mode.POSITION, "nobody pushes any more")
+        control.stop(control.io.setpoint, Mode.POSITION, "its effort commands have ended")
         control.motion.space = Space.JOINT
 
     def shape_efforts(self) -> None:
@@ -263,7 +263,7 @@ class ArmLogic:
         """After a silence so long that io held: continue the move from the held position, without a jump."""
         control = self.control
         if not control.motion.resume(self.io.setpoint, control.now_ns):
-            control.move_ended(False, "io held, and it cannot go on from there")
+            control.move_ended(False, "io held the robot, and the arm cannot resume from there")
 
     def _enter(self, left: ArmState) -> None:
         """Actions on entering a state."""

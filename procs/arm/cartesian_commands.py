@@ -126,7 +126,7 @@ class CartesianCommands:
         pose, twist, wrench = (bool(flag) for flag in values[POSE + 2 * TWIST :])
         self.enter(request.name)
         if twist and not pose:
-            raise CommandRefused("a twist needs a pose to go with")
+            raise CommandRefused("a twist needs a pose")
         force = values[POSE + TWIST : POSE + 2 * TWIST] if wrench else np.zeros(TWIST)
         if not pose:
             return self._push_body(force, absolute=wrench)
@@ -154,7 +154,7 @@ class CartesianCommands:
             joints = self._solve(request.name, goal, seed)
         except CommandRefused:
             if control.motion.moving:
-                control.stop(control.here, Mode.POSITION, "replaced by a move that cannot be done")
+                control.stop(control.here, Mode.POSITION, "replaced by an impossible move")
             raise
         control.take_target()[:n] = joints
         return control.move(request, Space.CARTESIAN)

@@ -221,7 +221,7 @@ class Control:
         lag_s = self.motion.governor.most.item()
         if lag_s > MAX_LAG_S:
             axis = int(self.motion.governor.behind.argmax())
-            why = (f"{self.joints.name(axis)} is asked to go faster than {self.motion.governor.speed[axis]:g} "
+            why = (f"{self.joints.name(axis)} is commanded faster than {self.motion.governor.speed[axis]:g} "
                    f"{self.joints.unit(axis)}/s")
             self.report(codes.STREAM_JUMP, why, REPORT_NS)
             self.end_streams(f"it jumped: {why}", (StreamKind.POSITION,))
@@ -314,7 +314,7 @@ class Control:
         elif self.now_ns >= motion.feed_end_ns:
             motion.end_feed()
             self.report_episode(codes.EFFORT_TIMEOUT,
-                                f"no new wrench for {self.arm.effort_timeout_s:g} s; none any more")
+                                f"no new wrench for {self.arm.effort_timeout_s:g} s; the wrench has ended")
 
     def _say_efforts_clipped(self) -> str:
         outside = self.efforts.clipped
@@ -322,7 +322,7 @@ class Control:
             return ""
         names = self.joints.named(outside)
         if self._efforts_clipped.is_news(outside, self.now_ns):
-            self.report(codes.EFFORT_CLIPPED, f"efforts clipped to what motors and joints bear: {names}")
+            self.report(codes.EFFORT_CLIPPED, f"efforts clipped to the limits of motors and joints: {names}")
         return f"clipped: {names}"
 
     def move(self, request: Request, space: Space, what: str = MOVE) -> str:

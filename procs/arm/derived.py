@@ -87,7 +87,7 @@ class DerivedArm(ArmLogic):
         self._commands.rows.update({row.name: self._row(row) for row in arm.commands})
         for name in self.states:
             if name in set(ArmState) or len(name.encode()) > MAX_NAME:
-                raise ValueError(f"{name} cannot be a state of its own: it is one of every arm, or longer than "
+                raise ValueError(f"{name} cannot be a new state: every arm has it, or it is longer than "
                                  f"{MAX_NAME} bytes")
         self._own, self._guarded = {name: made(self) for name, made in self.states.items()}, Guarded(self)
         self._stages[ArmState.OWN] = self._guarded

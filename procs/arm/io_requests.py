@@ -191,5 +191,5 @@ class IoRequests:
             self._ended[answer.id] = answer
         elif answer.outcome != "done":
             if answer.text != self.bias_refusal:
-                self._warn(f"io will not bias the encoders: {answer.text}")
+                self._warn(f"io refuses to bias the encoders: {answer.text}")
             self.bias_refusal = answer.text

@@ -68,7 +68,7 @@ class JointCommands:
         streams.leave(request.sender)
         if own and control.machine.state is ArmState.HOMED:
             streams.interrupt()
-            control.stop(control.here, Mode.POSITION, "its program has ended it")
+            control.stop(control.here, Mode.POSITION, "ended by its program")
 
     def _free(self, _: Request) -> None:
         self._control.streams.interrupt()

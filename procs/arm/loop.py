@@ -220,7 +220,7 @@ class ArmLoop(runtime.Loop):
         periods = min(PERIODS_OVERLOADED[self.may_rest], self._most_periods)
         if periods > 1 and now_ns >= self._warn_ns:
             self._events.report(codes.CPU_OVERLOAD,
-                                f"{self._name}: the machine is short of time: one cycle in {periods}")
+                                f"{self._name}: the machine is overloaded: one cycle in {periods}")
             self._warn_ns = now_ns + WARN_EVERY_NS
         return periods
 

@@ -117,7 +117,7 @@ class ArmStates:
             return False
         event = next(e for e in COMMANDS if e == word)
         if event is not self._asked:
-            self._answer_pending(f"{event} was asked for")
+            self._answer_pending(f"{event} was requested")
         request.accept()
         self._pending.append(request)
         self._asked = event

@@ -60,5 +60,5 @@ def problem(
     if io.pid_generation.item() != driving.pid:
         return FaultReport(codes.PID_OFF, "the joint controller was switched off and on again")
     if io.bias_generation.item() != driving.bias and state is not ArmState.SETTING_ROLL:
-        return FaultReport(codes.BIAS_CHANGED, "the encoders were set anew while the joint controller was on")
+        return FaultReport(codes.BIAS_CHANGED, "the encoders were set again while the joint controller was on")
     return NO_FAULT

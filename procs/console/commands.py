@@ -52,7 +52,7 @@ class ConsoleCommands:
         elif self._now_ns >= deadline_ns:
             self._waiting = None
             self._logic.forget(teleop)
-            request.fail(f"{teleop} was not selected: another console keeps an arm of it")
+            request.fail(f"{teleop} was not selected: another console uses one of its arms")
 
     def _teleop(self, request: Request) -> str:
         name = request.text.strip()
@@ -67,7 +67,7 @@ class ConsoleCommands:
     def _select(self, request: Request) -> str | None:
         teleop = self._teleop(request)
         if self._waiting is not None:
-            self._waiting[0].fail(f"{request.name} {teleop} came after it")
+            self._waiting[0].fail(f"{request.name} {teleop} replaced it")
             self._waiting = None
         if self._logic.select(teleop):
             return None

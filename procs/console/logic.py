@@ -117,7 +117,7 @@ class Logic:
                 self._desk.status(f"{other.name} unselected to free {shared_arm(member, other)}")
                 self.unselect(other.name)
             elif other.name in self.elsewhere and self._awaiting != teleop:
-                self._desk.status(f"{other.console} is asked to free {shared_arm(member, other)}")
+                self._desk.status(f"{other.console} is requested to free {shared_arm(member, other)}")
                 self._desk.free(other.name)
         if any(other.name in self.elsewhere for other in conflicts(member, self._members)):
             self._awaiting = teleop

@@ -89,7 +89,7 @@ class Mailboxes:
             epoch = self._states[teleop].epoch
             if epoch != self._epochs[teleop]:
                 self._epochs[teleop] = epoch
-                self.status(f"{teleop} was started again: it follows when presence is shown again")
+                self.status(f"{teleop} was restarted: it follows once presence is shown again")
                 logic.began_anew(teleop)
             elif self._states[teleop].newest():
                 logic.shows(teleop, self._desired[teleop].item().decode())

@@ -77,7 +77,7 @@ class BluetoothBoards:
 
     def problem(self, address: str) -> str:
         """Why a board sends no readings."""
-        return self._problems.get(address.upper(), "nobody asks this board")
+        return self._problems.get(address.upper(), "this board is not polled")
 
     def close(self) -> None:
         """End the child."""

@@ -219,7 +219,7 @@ class Classic(SetupPower):
         if enabled and not self._was_enabled:
             for place in np.flatnonzero(pressed).tolist():
                 button = f"{self._arms[place].name}: its clutch" if place < len(self._arms) else "a button of the lift"
-                text = f"{button} is pressed already; it does nothing until it has been released"
+                text = f"{button} is already pressed; it has no effect until it is released"
                 self._reports.report(codes.CLUTCH_STUCK, text, self._name)
         self._was_enabled = enabled
 
@@ -233,8 +233,8 @@ class Classic(SetupPower):
             return 0.0
         if not self._board.is_authorized and not self._is_held_back:
             self._is_held_back = True
-            self._reports.report(codes.IO_REFUSED, f"{self._name}: the lift stays: the process has been restarted, and "
-                                 f"nobody has asked for anything since; enable {self._name} first", self._name)
+            self._reports.report(codes.IO_REFUSED, f"{self._name}: the lift stays: the process was restarted, and no "
+                                 f"operator's command was given since; enable {self._name} first", self._name)
         return buttons if self._board.is_authorized else 0.0
 
     def _move_lift(self, velocity: float, now_ns: int) -> None:
@@ -266,7 +266,7 @@ class Classic(SetupPower):
             self._setups.lose(place, moved=False)
         self._is_away = True
         if self._board.is_fresh(now_ns):
-            text = f"{self._name}: the multiplexer does not count; where the setup arms are is not known"
+            text = f"{self._name}: the multiplexer does not advance; positions of the setup arms are unknown"
             self._reports.report(codes.MULTIPLEXER_STUCK, text, self._name)
 
     def _read(self, place: int) -> None:

@@ -49,7 +49,7 @@ class SetupCommands:
 
     def _stand(self, request: Request) -> None:
         if self._cart.simulation != "KINEMATIC" or self._cart.kind == FIXED:
-            raise CommandRefused("setup joints have no motors; only KINEMATIC ones go where they are told")
+            raise CommandRefused("setup joints have no motors; only KINEMATIC ones can be moved by command")
         place = self._place(request)
         joints = self._setups.arms[place].joints
         if len(request.values) != joints or not np.all(np.abs(request.values) <= FURTHEST):
@@ -59,7 +59,7 @@ class SetupCommands:
 
     def _put(self, request: Request) -> None:
         if self._cart.kind != FIXED:
-            raise CommandRefused("where these stand is measured; only SUJ_Fixed are told")
+            raise CommandRefused("the pose of these is measured; only that of SUJ_Fixed can be set")
         place = self._place(request)
         self._setups.put(place, matrix_from_pose(normalised(request.values)))
 
@@ -69,7 +69,7 @@ class SetupCommands:
     def _clutch(self, request: Request) -> None:
         place, on = self._place(request), switch(request)
         if self._source is None:
-            raise CommandRefused("nobody can move these setup arms, so there is nothing to clutch")
+            raise CommandRefused("these setup arms cannot be moved, so there is nothing to clutch")
         if on and self._machine.state is not SetupState.ENABLED:
             raise CommandRefused(f"the setup joints are {self._machine.state}; enable them first")
         self._source.clutch(place, on, self._now_ns)

@@ -99,7 +99,7 @@ class SetupJoints:
             self.machine.begin(SetupState.FAULT, False, now_ns)
             reason = "there was a fault before" if before == SetupState.FAULT else "power was lost while it was away"
             if before != SetupState.FAULT and classic.is_powered:
-                reason = "it was not all on yet, and nobody asks for the rest now"
+                reason = "power-on was not complete, and is no longer requested"
             self.machine.reason = f"the process was restarted; {reason}"
 
     def _heard(self, request: Request) -> Request:

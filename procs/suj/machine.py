@@ -94,7 +94,7 @@ class SetupStates:
             self.publish()
             return
         if word != self._asked:
-            self._answer(f"{word} was asked for")
+            self._answer(f"{word} was requested")
         self.publish()
         request.accept()
         self._pending.append(request)

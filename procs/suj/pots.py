@@ -72,5 +72,5 @@ class PotReadings:
         if apart:
             self._reports.status(f"{name}: the potentiometers agree", name)
         if self._setups.measure(place, pots.joints) >= 1.0:
-            text = f"{name}: it has moved although nobody clutched it; base frames follow"
+            text = f"{name}: it has moved without being clutched; base frames follow"
             self._reports.report(codes.SETUP_MOVED, text, name)

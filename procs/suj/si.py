@@ -146,7 +146,7 @@ class Si:
         reasons = [f"{who}: {self._link.problem(address) or 'no reading comes'}" for who, address, stamp in (
             ("base", self._base, self._base_ns), (arm.name, arm.board.upper(), self._stamps_ns[place])) if not stamp
             or self._link.problem(address)]
-        self._report(place, f"{arm.name}: not known where it is ({'; '.join(reasons) or 'its board is silent'})")
+        self._report(place, f"{arm.name}: its pose is not known ({'; '.join(reasons) or 'its board is silent'})")
 
     def _report(self, place: int, text: str) -> None:
         """Report every new problem once, and its end."""

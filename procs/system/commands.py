@@ -53,7 +53,7 @@ class SystemCommands:
 
     def _begin(self, request: Request) -> str:
         if self.bring_up is not None and self.bring_up.goal != request.name:
-            self._answer(f"{request.name} was asked for")
+            self._answer(f"{request.name} was requested")
         if request.name == POWER_OFF:
             for console in self._consoles:
                 console.send("teleop_enable", (0.0,))

@@ -36,7 +36,7 @@ class SystemLoop(runtime.Loop):
         self._record = SystemRecord(self._state.field, self._arms, node.events, self._sound,
                                     calibration_mode=any(io.calibration_mode for io in node.document.ios))
         if self._sound.lacks:
-            node.events.status(f"system: {self._sound.lacks}; it is silent where these are missing", node.name)
+            node.events.status(f"system: {self._sound.lacks}; the sounds that need them are not played", node.name)
         self._mailbox = node.mailbox(NoFaults())  # arms themselves discard commands given before their faults
 
     def _take_sound(self) -> Sound:

@@ -317,6 +317,6 @@ class Operator:
         if self.is_silent:
             self.absence = f"console {self.console} is silent"
         elif whole and not self._valid:
-            self.absence = f"console {self.console} does not see its inputs"
+            self.absence = f"console {self.console} gets no data from its inputs"
         elif whole:
-            self.absence = "" if self._present else f"console {self.console} sees no operator"
+            self.absence = "" if self._present else f"console {self.console} detects no operator"

@@ -77,4 +77,4 @@ class MotionCheck:
         linear, angular = math.hypot(*self._twist[:3]), math.hypot(*self._twist[3:])
         if linear <= MAX_M_S and angular <= MAX_RAD_S:  # false for NaN, too
             return ""
-        return f"{self._name} says it goes at {linear:.3g} m/s, {angular:.3g} rad/s"
+        return f"{self._name} reports a speed of {linear:.3g} m/s, {angular:.3g} rad/s"

@@ -214,7 +214,7 @@ class TeleopPsm(Teleop):
     def _run_following(self) -> None:
         master, slave, settings, values = self.master, self.slave, self.settings, self._values
         if not (settings.ignore_jaw or slave.has_jaw):
-            self.stop(codes.NO_JAW, f"{slave.name} has no jaw anymore", slave.name)
+            self.stop(codes.NO_JAW, f"{slave.name} no longer has a jaw", slave.name)
             return
         if slave.tool != self._tool:
             self.stop(codes.TOOL_CHANGED, f"the instrument of {slave.name} was changed", slave.name)
@@ -254,7 +254,7 @@ class TeleopPsm(Teleop):
         if self.now_ns >= self._wrench_end_ns and wrench.any():
             self._wrench = None
             self.master.let_go()
-            text = f"no new wrench for {self.settings.wrench_timeout_s:g} s; none any more"
+            text = f"no new wrench for {self.settings.wrench_timeout_s:g} s; the wrench has ended"
             self.events.report(codes.EFFORT_TIMEOUT, f"{self.name}: {text}", self.name)
             return
         self._wrench_values[:6] = wrench

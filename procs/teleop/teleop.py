@@ -137,7 +137,7 @@ class Teleop:
     def _supervise(self) -> None:
         """Stop after an arm's error or a fault since the enabling command; interrupt if one is silent or restarted."""
         if self.desired is not TeleopState.DISABLED and self.origin.generation < self._faults.valid_from:
-            self.stop(codes.FAULT_SINCE, "there was a fault since it was asked for")
+            self.stop(codes.FAULT_SINCE, "there has been a fault since it was requested")
         for arm in self.arms:
             errors = arm.errors()
             if self.desired is not TeleopState.DISABLED:
@@ -154,7 +154,7 @@ class Teleop:
         if arm.is_silent:
             self.interrupt(codes.ARM_TIMEOUT, f"{arm.name} is silent", arm.name)
         elif arm.restarted:
-            self.interrupt(codes.ARM_RESTARTED, f"{arm.name} was started anew", arm.name)
+            self.interrupt(codes.ARM_RESTARTED, f"{arm.name} was restarted", arm.name)
         elif arm.rebased:
             self.interrupt(codes.BASE_FRAME, f"the base frame of {arm.name} was changed", arm.name)
         elif arm.fault:

@@ -44,11 +44,12 @@ class ThirdPartyArm(TeleopArm):
             return ""
         if not all(_is_pose(pose) for pose in self._shown):
             self._reported = False
-            return f"what {self.name} says is no pose"
+            return f"{self.name} reports an invalid pose"
         had, self._had_gripper = self._had_gripper, bool(self._gripper_valid)
         if had and not self._had_gripper:
             return f"{self.name} has lost its gripper"
-        return "" if not self._had_gripper or math.isfinite(self._gripper) else f"{self.name}'s gripper is no angle"
+        is_fine = not self._had_gripper or math.isfinite(self._gripper)
+        return "" if is_fine else f"{self.name} reports an invalid gripper angle"
 
 
 def _is_pose(pose: Array) -> bool:

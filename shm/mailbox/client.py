@@ -89,7 +89,7 @@ class MailboxShare:
             return 0
         with self._stop_lock:
             if self._is_stopping:
-                raise MailboxFull(f"{self.instance}: another stop is just being sent")
+                raise MailboxFull(f"{self.instance}: another stop is being sent")
             self._is_stopping = True
             try:
                 if self._stops is None:
@@ -243,7 +243,7 @@ class Client:
             with desk.lock:
                 origin = self._own_origin(name in desk.streams)
                 if desk.is_sending:
-                    raise MailboxFull(f"{self.instance}: another command is just being sent")
+                    raise MailboxFull(f"{self.instance}: another command is being sent")
                 desk.is_sending = True
                 try:
                     return desk.send(self, name, values, text, origin)

@@ -35,7 +35,7 @@ PAGE = Topic(
     fields=(
         Field("count", "(components,)<u8", "", "how often commands to this component became void; by its owner"),
         Field("fault", "(components,)<u8", "", "generation of its last fault, 0: there was none; by its owner"),
-        Field("void", "(components,)<u8", "", "commands of an earlier generation count for nothing; by its owner"),
+        Field("void", "(components,)<u8", "", "commands of an earlier generation are void; by its owner"),
     ),
 )
 

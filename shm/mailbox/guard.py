@@ -31,4 +31,4 @@ def late(row: CommandRow, text: str, values: Numbers, waited_ns: int) -> str:
     """Why it is too late for execution, `waited_ns` after it was sent; "": it is in time."""
     if waited_ns <= LATE_NS or not row.expires(text, values):
         return ""
-    return f"it came {waited_ns * 1e-9:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again"
+    return f"it came {waited_ns * 1e-9:.1f} s late; allowed: {LATE_NS * 1e-9} s; send it again"

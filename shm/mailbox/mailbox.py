@@ -94,7 +94,7 @@ from trocar.shm.time.clock import monotonic_ns
 
 PER_CYCLE = 8
 MAX_STOPS = 64  # about different things that are remembered apart
-DIED = "its process died while at it; it may have been carried out, it will not be repeated"
+DIED = "its process died meanwhile; it may have been carried out; it will not be repeated"
 
 SHORT = 8  # values that come with the first copy
 FLOAT, NDARRAY = np.dtype(np.float64), np.ndarray
@@ -297,7 +297,7 @@ class Mailbox:
             self._note_stop(command.about(text), min(received.sent_ns, monotonic_ns()), received)
             return ""
         if received.place == RESERVED:
-            return f"{command.name}: this place is for what stops something"
+            return f"{command.name}: this place is for commands that stop something"
         if not command.expires(text, values):
             return ""
         for about in ("", command.about(text)):

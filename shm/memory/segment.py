@@ -394,7 +394,7 @@ def _trusted(fd: int, name: str) -> None:
     accepted = _accepted()
     if status.st_uid not in accepted:
         raise SegmentError(f"{name}: belongs to {owners.user(status.st_uid)}; accepted are {owners.users(accepted)} "
-                           f"and whom {owners.SERVICE_USER} names")
+                           f"and the user in {owners.SERVICE_USER}")
     if status.st_mode & stat.S_IWOTH:
         mode = stat.S_IMODE(status.st_mode)
-        raise SegmentError(f"{name}: anybody may write it (mode {mode:o}); allowed are 600 and 660")
+        raise SegmentError(f"{name}: every user may write it (mode {mode:o}); allowed are 600 and 660")

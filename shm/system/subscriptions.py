@@ -64,8 +64,8 @@ class Cells:
             found = 1 << self.names.index(topic)
             return found | 1 << self.names.index(wanted_name(topic, group)) if group else found
         except ValueError:
-            raise SegmentError(f"{self.page.instance} has nothing called {wanted_name(topic, group)} that could be "
-                               f"wanted; it has: {', '.join(self.names) or 'nothing'}") from None
+            raise SegmentError(f"{self.page.instance} has no {wanted_name(topic, group)} to subscribe to; "
+                               f"it has: {', '.join(self.names) or 'nothing'}") from None
 
     def holder(self, place: int) -> Holder:
         """The last client that signed for a place."""

@@ -61,8 +61,8 @@ PAGE = Topic("clock", writer="supervisor", rate_hz=0, depth_s=0, depth=1, fields
     Field("base_monotonic_ns", "<u8", "ns", "paced: this real time (W: who has the lock)"),
     Field("speed", "<f8", "", "simulated over real time in the last second (W: supervisor)"),
     Field("active", f"({MEMBERS},)<u8", "", "1: time waits for this member (W: supervisor)"),
-    Field("next_ns", f"({MEMBERS},)<u8", "ns", "when it wants to go on (W: member; of a dead one: supervisor)"),
-    Field("finished", f"({MEMBERS},)<u8", "", "how often it has fallen asleep (W: member)"),
+    Field("next_ns", f"({MEMBERS},)<u8", "ns", "when it resumes (W: member; of a dead one: supervisor)"),
+    Field("finished", f"({MEMBERS},)<u8", "", "times it went to sleep (W: member)"),
     Field("limit_ns", "<u8", "ns", "time does not go beyond; 0: it may (W: supervisor, or who holds it back)"),
 ))
 SCHEMA = schema_of(PAGE)

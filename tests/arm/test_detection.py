@@ -12,7 +12,7 @@ from tests.arm.fake_psm import DRIVER, OTHER, with_adapter
 
 def test_manual_detection_asks_once_and_takes_the_answer() -> None:
     psm = with_adapter()
-    assert "nobody asks" in psm.send("set_tool_type", (), DRIVER).replies[0][1]
+    assert "not requested" in psm.send("set_tool_type", (), DRIVER).replies[0][1]
     psm.reports.events.clear()
     psm.retracted().put_on("tool")
     psm.run(0.5)
@@ -23,7 +23,7 @@ def test_manual_detection_asks_once_and_takes_the_answer() -> None:
     assert psm.send("set_tool_type", (), DRIVER).outcomes == ["done"]
     assert psm.types[-1] == ("tool_type", DRIVER)
     assert psm.arm.state == "ENGAGING_TOOL" and psm.state.text("tool") == TOOL.name
-    assert "nobody asks" in psm.send("set_tool_type", (), DRIVER).replies[0][1]
+    assert "not requested" in psm.send("set_tool_type", (), DRIVER).replies[0][1]
 
 
 def test_the_memory_of_an_instrument_says_which_it_is() -> None:

@@ -140,7 +140,7 @@ def test_a_wrench_beside_a_pose_ends_and_the_pose_is_held() -> None:
     before = harness.io.setpoint.copy()
     harness.run(0.02)
     assert not harness.setpoint["feed_forward"].any() and harness.io.setpoint == pytest.approx(before)
-    assert reported(harness) == ["PSM1: no new wrench for 0.1 s; none any more"]
+    assert reported(harness) == ["PSM1: no new wrench for 0.1 s; the wrench has ended"]
 
 
 # masters
@@ -158,7 +158,7 @@ def test_a_master_is_let_go_of_but_for_its_weight(command: str) -> None:
     assert harness.state["control_mode"] == EFFORT and harness.state["control_space"] == 2
     assert not joint_effort(harness).any() and borne(harness).any(), "its weight is borne, whatever was said before"
     harness.run(3.0)
-    assert reported(harness) == ["MTML: no effort command for 0.1 s; let go"]
+    assert reported(harness) == ["MTML: no effort command for 0.1 s; released"]
 
 
 def test_a_locked_orientation_stays_locked(harness: MasterHarness) -> None:

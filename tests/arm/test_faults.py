@@ -23,7 +23,7 @@ CAUSES = {
     "io-restarted": (lambda harness: harness.io.restart(), "io was restarted"),
     "pid-off": (lambda harness: harness.io.flag("pid_enabled", False), "joint controller was switched off"),
     "pid-on-again": (lambda harness: harness.io.flag("pid_generation", 8), "switched off and on"),
-    "bias-changed": (lambda harness: harness.io.flag("bias_generation", 9), "encoders were set anew"),
+    "bias-changed": (lambda harness: harness.io.flag("bias_generation", 9), "encoders were set again"),
 }
 
 

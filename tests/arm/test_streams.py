@@ -262,7 +262,7 @@ def test_a_stream_that_is_too_fast_is_slowed_and_then_ends(harness: ArmHarness) 
 def test_velocities_pass_the_same_bounds(harness: ArmHarness) -> None:
     for _ in range(10):
         answer = harness.send("servo_jv", (100.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    assert answer.outcomes == ["refused"] and "yaw is asked to go faster than 2.2 rad/s" in answer.replies[0][1]
+    assert answer.outcomes == ["refused"] and "yaw is commanded faster than 2.2 rad/s" in answer.replies[0][1]
     harness.run(0.1)
     assert harness.io.largest_step <= FASTEST and harness.arm.state == "HOMED"
     assert abs(harness.io.setpoint[0]) < 0.02 and not harness.setpoint["has_velocity"]

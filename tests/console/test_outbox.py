@@ -172,7 +172,7 @@ def test_states_and_restarts_are_seen(office: Office) -> None:
     assert office.log == ["shows MTMR_PSM1 ENABLED", "shows MTML_PSM2 ALIGN"]
     office.rings["MTMR_PSM1"].epoch, office.rings["MTML_PSM2"].there = 2, False
     office.heard()
-    assert office.log == ["status of c: MTMR_PSM1 was started again: it follows when presence is shown again",
+    assert office.log == ["status of c: MTMR_PSM1 was restarted: it follows once presence is shown again",
                           "anew MTMR_PSM1"]
     office.heard()
     assert office.log == ["shows MTMR_PSM1 ENABLED"]

@@ -238,7 +238,7 @@ def state_of(psm: SocketHarness) -> dict[str, object]:
 @pytest.mark.parametrize("spoil", [
     lambda reply: [reply], lambda reply: [stray(reply), reply], lambda reply: [reply[:-4]], lambda reply: [],
     lambda reply: [reply[:-7] + bytes((reply[-7] ^ 1,)) + reply[-6:]],
-], ids=["the reply", "another first", "short", "nothing", "another bus generation"])
+], ids=["the reply", "another first", "short", "nothing", "start another bus generation"])
 def test_the_bus_remembers_what_it_does_step_by_step(
     psm: SocketHarness, spoil: Callable[[bytes], list[bytes]],
 ) -> None:

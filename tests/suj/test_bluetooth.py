@@ -140,7 +140,7 @@ def test_lines_are_put_together_and_what_is_none_is_passed_over(pipe: tuple[list
     data, _ = pipe
     boards = bluetooth.BluetoothBoards(("aa", "BB"))
     assert boards.poll(1) == [] and boards.problem("AA") == boards.problem("bb") == "not connected yet"
-    assert boards.problem("CC") == "nobody asks this board"
+    assert boards.problem("CC") == "this board is not polled"
     data += [b'{"board": "aa", "rea', b'ding": "1"}\n[]\n{"board": 7}\nx\n{"board": "bb", "problem": "far"}\n{"bo']
     assert boards.poll(2) == [] and boards.poll(3) == [("AA", b"1")] and boards.poll(4) == []
     assert (boards.problem("aa"), boards.problem("BB"), boards.problem("7")) == ("", "far", "")

@@ -197,7 +197,7 @@ def test_a_successor_goes_on_where_its_predecessor_was(enabled: QuietCart, befor
 
 @pytest.mark.parametrize(("flags", "reason"), [
     ({"power_requested": 0, "powered": 0}, "power was lost while it was away"),
-    ({"amps_on": 0}, "it was not all on yet, and nobody asks for the rest now"),
+    ({"amps_on": 0}, "power-on was not complete, and is no longer requested"),
     ({"fault": 9}, "power was lost while it was away")])
 def test_a_successor_that_finds_less_power_is_in_fault(enabled: QuietCart, flags: dict[str, int], reason: str) -> None:
     enabled.start()

@@ -184,7 +184,7 @@ def test_a_board_that_is_away_is_told_and_its_arm_unknown(si: SetupHarness) -> N
     si.link.silent = (si.cart.arms[2].board,)
     run(si, 5.5)
     assert si.field("setup_valid").tolist() == [True, True, False, True]
-    assert si.reports.of("warning") == ["PSM2: not known where it is (PSM2: out of reach)"]
+    assert si.reports.of("warning") == ["PSM2: its pose is not known (PSM2: out of reach)"]
     si.link.silent = (si.cart.base_board,)
     run(si, 5.5)
     assert not si.field("setup_valid").any(), "no first joint without the base's board"

@@ -110,7 +110,7 @@ def test_a_newer_word_answers_the_one_under_way() -> None:
     bench = StatesBench(SetupState.DISABLED)
     request = bench.say("enable")
     bench.say("disable")
-    assert request.answers[-1] == ("failed", "disable was asked for")
+    assert request.answers[-1] == ("failed", "disable was requested")
 
 
 def test_setup_joints_that_were_never_restarted_are_switched_off_as_well() -> None:

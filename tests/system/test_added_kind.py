@@ -40,7 +40,7 @@ if __name__ == "__main__":
     main()
 ''',
     "procs/tables/manifest.py": (('    Proc("system",', '''
-    Proc("metronome", 0.01, 0.03, 3.0, "nothing moves differently; restart", events=("bar",),
+    Proc("metronome", 0.01, 0.03, 3.0, "motion is not affected; restart", events=("bar",),
          instances=lambda system: [ProcessInstance("metronome", after=tuple(io.name for io in system.ios))],
          priority="least", woken=True, budget_us=100),
 '''),),

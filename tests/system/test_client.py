@@ -313,9 +313,9 @@ def cart(suj: trocar.Suj) -> None:
     suj.set_reference_arm("PSM1")
     becomes(lambda: suj.reference_arm() == "PSM1")
     suj.set_reference_arm("ECM")
-    with refused("only SUJ_Fixed are told"):
+    with refused("only that of SUJ_Fixed can be set"):
         suj.PSM2.local.servo_cp(before)
-    with refused("nobody can move"):
+    with refused("cannot be moved"):
         suj.PSM2.clutch()
     with refused("there is no lift"):
         suj.set_lift_velocity(0.5)

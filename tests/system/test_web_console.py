@@ -264,7 +264,7 @@ def test_an_emulated_operator_goes_with_the_last_page_that_had_control(robot: Ro
                 one.asked("console", "emulate_operator_present", 1)
                 return state.newest() and bool(present)
 
-            wait_for(is_there, 60, "the operator is there")
+            wait_for(is_there, 60, "the operator is present")
 
     for _ in range(2):  # who goes from page to page in time takes the operator along; nobody is measured here
         played(robot, comes)

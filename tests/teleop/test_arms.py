@@ -325,14 +325,14 @@ def test_a_pose_has_a_place_and_a_quaternion_of_length_1(which: str) -> None:
         assert bool(program.arm.fault) is wrong
         program.look()
         assert program.arm.fault == "", "it is said once"
-        assert program.arm.doubt == ("what MTMR says is no pose" if wrong else "")
+        assert program.arm.doubt == ("MTMR reports an invalid pose" if wrong else "")
 
 
 def test_a_gripper_that_was_there_is_missed() -> None:
     program = LoneProgram()
     assert program.go(0.0, 0.0, gripper_valid=False) == "MTMR has lost its gripper"
     program = LoneProgram()
-    assert program.go(0.0, 0.0, gripper_position=math.nan) == "MTMR's gripper is no angle"
+    assert program.go(0.0, 0.0, gripper_position=math.nan) == "MTMR reports an invalid gripper angle"
     assert not LoneProgram().go(0.0, 0.0, gripper_position=0.5)
 
 

@@ -162,7 +162,7 @@ def test_asking_again_while_the_clutch_is_pressed_leaves_the_reason(made: type[T
 
 
 @pytest.mark.parametrize(("change", "reason"), [
-    ({"has_jaw": False}, "PSM1 has no jaw anymore"), ({"tool": b"SMALL"}, "the instrument of PSM1 was changed")])
+    ({"has_jaw": False}, "PSM1 no longer has a jaw"), ({"tool": b"SMALL"}, "the instrument of PSM1 was changed")])
 def test_following_ends_with_the_instrument(change: dict[str, object], reason: str) -> None:
     harness = TeleopHarness().follow()
     harness.slave.ring.set(**change)

@@ -37,7 +37,7 @@ def test_a_fault_of_an_arm_ends_it_and_it_asks_for_nothing_that_powers() -> None
     harness.forget()
     faults.valid_from = 4
     harness.run(0.5)
-    assert not harness.following and "there was a fault since it was asked for" in harness.text("reason")
+    assert not harness.following and "there has been a fault since it was requested" in harness.text("reason")
     assert not [sent for arm in harness.arms.values() for sent in arm.sent if sent[0] == "state_command"]
 
 

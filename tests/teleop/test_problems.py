@@ -123,7 +123,7 @@ def test_a_silent_arm_ends_following_until_presence_is_shown(following: TeleopHa
 def test_an_arm_started_anew_ends_following(following: TeleopHarness, which: str) -> None:
     following.arms[which].ring.epoch += 1
     following.step()
-    assert not following.following and following.reports.of("error") == [f"MTMR_PSM1: {which} was started anew"]
+    assert not following.following and following.reports.of("error") == [f"MTMR_PSM1: {which} was restarted"]
 
 
 def test_an_arm_that_comes_back_without_power_is_left_alone(following: TeleopHarness) -> None:
@@ -181,7 +181,7 @@ def test_an_absent_operator_ends_following_within_a_cycle(following: TeleopHarne
 def test_an_absent_operator_is_named_as_the_reason(following: TeleopHarness) -> None:
     absent(following)
     show(following)
-    assert following.text("reason") == "waiting: console console sees no operator"
+    assert following.text("reason") == "waiting: console console detects no operator"
 
 
 def test_a_silent_console_ends_following(following: TeleopHarness) -> None:

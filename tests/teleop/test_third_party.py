@@ -108,13 +108,13 @@ def test_a_master_that_jumps_all_the_time_is_told_once(stage: ThirdPartyStage) -
 
 @pytest.mark.parametrize(
     ("wrong", "reported"),
-    [({"measured_cp": (math.nan, 0, 0, 0, 0, 0, 1)}, "what MTMR says is no pose"),
-     ({"measured_cp": (0, 0, 0, 0, 0, 0, 0)}, "what MTMR says is no pose"),
-     ({"measured_cp": (0, 0, 0, 0, 0, 0, 2)}, "what MTMR says is no pose"),
-     ({"setpoint_cp": (math.inf, 0, 0, 0, 0, 0, 1)}, "what MTMR says is no pose"),
-     ({"measured_cv": (math.nan, 0, 0, 0, 0, 0)}, "MTMR says it goes at nan m/s"),
-     ({"measured_cv": (50.0, 0, 0, 0, 0, 0)}, "MTMR says it goes at 50 m/s"),  # mm/s?
-     ({"gripper_position": math.nan}, "MTMR's gripper is no angle"),
+    [({"measured_cp": (math.nan, 0, 0, 0, 0, 0, 1)}, "MTMR reports an invalid pose"),
+     ({"measured_cp": (0, 0, 0, 0, 0, 0, 0)}, "MTMR reports an invalid pose"),
+     ({"measured_cp": (0, 0, 0, 0, 0, 0, 2)}, "MTMR reports an invalid pose"),
+     ({"setpoint_cp": (math.inf, 0, 0, 0, 0, 0, 1)}, "MTMR reports an invalid pose"),
+     ({"measured_cv": (math.nan, 0, 0, 0, 0, 0)}, "MTMR reports a speed of nan m/s"),
+     ({"measured_cv": (50.0, 0, 0, 0, 0, 0)}, "MTMR reports a speed of 50 m/s"),  # mm/s?
+     ({"gripper_position": math.nan}, "MTMR reports an invalid gripper angle"),
      ({"gripper_valid": False}, "MTMR has lost its gripper")],
 )
 def test_nonsense_ends_following(stage: ThirdPartyStage, wrong: dict[str, object], reported: str) -> None:

@@ -98,7 +98,7 @@ def test_an_arm_that_is_short_of_time_takes_fewer_cycles_and_says_so_once() -> N
         assert loop.periods(True, bench.now_ns) == PERIODS_OVERLOADED[True]
         warnings = [row["text"].decode() for row in reported.since(0) if row["code"] == b"cpu-overload"]
         reported.close()
-    assert warnings == ["PSM1: the machine is short of time: one cycle in 2"]
+    assert warnings == ["PSM1: the machine is overloaded: one cycle in 2"]
 
 
 def test_an_arm_that_is_slow_by_its_file_is_never_so_slow_that_it_seems_silent() -> None:

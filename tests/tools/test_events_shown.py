@@ -88,7 +88,8 @@ def field(topic: Any, name: str) -> Field:
 @pytest.mark.parametrize(("topic", "name", "value", "word"), [
     (ARM_STATE, "control_mode", 3, "effort"), (ARM_STATE, "control_space", 2, "Cartesian"),
     (ARM_STATE, "adapter", 4, "engaged"), (ARM_STATE, "instrument", 0, "not looked at"),
-    (SETPOINT, "mode", 1, "drive the actuators as the rest says"), (IO_STATE, "fault", [0, 13], ["none", "amplifier"]),
+    (SETPOINT, "mode", 1, "drive the actuators as the other fields say"),
+    (IO_STATE, "fault", [0, 13], ["none", "amplifier"]),
     (IO_STATE, "encoder_bits", [0, 5], [0, 5]), (IO_STATE, "cycle", 1, 1), (ARM_STATE, "count", 6, 6),
 ])
 def test_enumerations_are_words(topic: Any, name: str, value: Any, word: Any) -> None:

@@ -54,8 +54,8 @@ def test_status_shows_the_whole_of_a_reason_that_had_too_little_room(played: Scr
 
 
 def test_values_that_are_not_valid_are_shown_with_what_they_need(played: ScriptedRobot) -> None:
-    played.arm.field("reason")[...] = b"brakes to let go"
+    played.arm.field("reason")[...] = b"brakes to release"
     for valid, needed in ((True, ""), (False, "powered, biased, fresh")):
         played.show_arm(state="ENABLED", valid=valid)
         shown = CliRunner().invoke(APP, ["echo", "PSM1/measured_cp", "--once", "--system", played.name]).stdout
-        assert ("PSM1 is ENABLED; brakes to let go" in " ".join(shown.split())) == (not valid) and needed in shown
+        assert ("PSM1 is ENABLED; brakes to release" in " ".join(shown.split())) == (not valid) and needed in shown

@@ -332,7 +332,7 @@ def test_short_waits_are_no_news_and_long_ones_are_told_once() -> None:
     watch: Any = Waiting()
     none: Any = None
     bring_up, second = ArmBringUp(watch, none, none, "homed", 0.0, simulated=False), 10**9
-    watch.reason = "brakes to let go"
+    watch.reason = "brakes to release"
     now = monotonic_ns()
     assert bring_up.news(now) == "" and bring_up.news(now + second // 2) == ""
     watch.reason = NAMED

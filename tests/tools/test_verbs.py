@@ -242,13 +242,13 @@ def test_a_process_may_be_silent_for_longer_in_simulated_time(
 
 def test_attach_prints_one_page(kinematic: ScriptedRobot) -> None:
     kinematic.show_arm(state="ENABLED")
-    kinematic.arm.field("reason")[...] = b"brakes to let go"
+    kinematic.arm.field("reason")[...] = b"brakes to release"
     kinematic.show_arm(state="ENABLED")
     for _ in range(2):
         kinematic.events.report(codes.TRACKING, "something broke")
     kinematic.events.report(codes.CURRENT, "and another thing")
     text = run("attach", "--once", "--system", kinematic.name).stdout
-    assert "PSM1/state" in text and "brakes to let go" in text
+    assert "PSM1/state" in text and "brakes to release" in text
     assert 0 < text.index("and another thing") < text.index("something broke")  # newest first
     assert text.count("something broke") == 1
 

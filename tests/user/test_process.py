@@ -233,7 +233,7 @@ def test_what_is_computed_on_demand_is_wanted_by_its_group(make: Callable[..., M
     assert arm.look() and arm.wanted == arm.bits("state") | arm.bits("state", "wrench")
     mine.unsubscribe(state)
     assert arm.look() and not arm.wanted
-    with pytest.raises(SegmentError, match="nothing called state/colour"):
+    with pytest.raises(SegmentError, match="no state/colour to subscribe to"):
         mine.subscribe("PSM1/state", "colour")
     page.close()
 
@@ -334,7 +334,7 @@ def test_who_subscribes_to_what_is_not_there_is_told_what_is(make: Callable[...,
     mine = make()
     for topic, told in (("nobody/wrench", "no process nobody; there are: supervisor, mine, other"),
                         ("othe/wrench", r"no process othe; did you mean other\?"),
-                        ("other/force", "other has nothing called force that could be wanted; it has: .*wrench")):
+                        ("other/force", "other has no force to subscribe to; it has: .*wrench")):
         with pytest.raises(SegmentError, match=told):
             mine.subscribe(topic)
 

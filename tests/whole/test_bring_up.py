@@ -58,7 +58,7 @@ def test_home_waits_for_slow_power() -> None:
 
 def test_what_an_arm_refused_before_does_not_count() -> None:
     arm = FakeArm("PSM1")
-    arm.refusals.append("enable was asked for")
+    arm.refusals.append("enable was requested")
     bring_up, _ = climbed(HOME, arm)
     assert bring_up.problems == ""
 

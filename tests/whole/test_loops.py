@@ -186,7 +186,7 @@ def test_a_console_obeys_listens_and_publishes_in_each_cycle() -> None:
     node.ring("MTMR_PSM1", "state").epoch += 1
     node.log.clear()
     loop.cycle(8 * MS, 0)
-    assert any("was started again" in line for line in node.log)
+    assert any("was restarted" in line for line in node.log)
 
 
 def test_a_fault_since_takes_the_desired_state_of_a_console_away() -> None:

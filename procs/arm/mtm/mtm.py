@@ -104,7 +104,7 @@ class MtmLogic(ArmLogic):
         """See ArmLogic: an operator may hold the arm, so it is released, except for gravity compensation."""
         control = self.control
         control.report_episode(codes.EFFORT_TIMEOUT,
-                               f"no effort command for {control.arm.effort_timeout_s:g} s; let go")
+                               f"no effort command for {control.arm.effort_timeout_s:g} s; released")
         control.push(Space.CARTESIAN).body(np.zeros(6), control.now_ns, absolute=False)
         control.gravity.used = control.gravity.known
 

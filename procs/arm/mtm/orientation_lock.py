@@ -184,7 +184,7 @@ class OrientationLock:
 
     def _why(self, found: Array | None) -> str:
         if found is None:
-            return "no place of the platform will do"
+            return "no position of the platform fits"
         joints = self._control.joints
         excess = np.maximum(joints.lower - found, found - joints.upper)[WRIST:]
         axis = WRIST + int(np.argmax(excess))

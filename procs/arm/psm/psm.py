@@ -110,7 +110,7 @@ class PsmLogic(ArmLogic):
         if self.detection.tool is None:
             return "the instrument's memory to be read"
         if self.adapter.has_switch and self.adapter.fit is not AttachmentState.ENGAGED:
-            return "sterile adapter not seen under the instrument: look at its switch, or emulate_adapter_present 1"
+            return "no sterile adapter detected under the instrument: check its switch, or emulate_adapter_present 1"
         return ""
 
     # adapter and instrument
@@ -223,13 +223,13 @@ class PsmLogic(ArmLogic):
     def _set_tool_type(self, request: Request) -> None:
         control, arm = self.control, self.control.arm
         if arm.tool_detection == "FIXED":
-            raise CommandRefused("tool detection is FIXED, the instrument is the one of the arm's file")
+            raise CommandRefused("tool detection is FIXED: the arm's file names the instrument")
         if self.machine.moving or self.state is ArmState.HOMING or control.motion.mode is Mode.EFFORT:
             raise CommandRefused("the arm is moving or in effort mode")
         freely = control.is_kinematic or not self.tool.has_switch
         if not (freely or self.detection.asks):
             why = "the instrument is known" if self.tool.present else "there is no instrument"
-            raise control.refusal(codes.COMMAND_REFUSED, request.name, f"nobody asks for it: {why}", REPORT_NS)
+            raise control.refusal(codes.COMMAND_REFUSED, request.name, f"it is not requested: {why}", REPORT_NS)
         self.detection.named(request.text.strip())
         if freely:
             self.tool.say(True)

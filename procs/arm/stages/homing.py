@@ -92,7 +92,7 @@ class Driving(Stage):
     def waits(self) -> str:
         if self._begun:
             return ""
-        return "brakes to let go" if self.control.io_requests.pid.settled else "io to switch the joint controller on"
+        return "brakes to release" if self.control.io_requests.pid.settled else "io to switch the joint controller on"
 
     def _is_ready(self) -> bool:
         control, io_requests = self.control, self.control.io_requests

@@ -264,7 +264,7 @@ def test_a_stop_sent_by_what_interrupts_a_command_goes_out(
         if not nested:
             nested.append(True)
             stops.append(handle.send("hold"))
-            with pytest.raises(MailboxFull, match="another command is just being sent"):
+            with pytest.raises(MailboxFull, match="another command is being sent"):
                 handle.send("move_jp", (2.0,))
         return result
 

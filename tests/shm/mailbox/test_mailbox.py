@@ -283,7 +283,7 @@ def test_a_loop_hears_no_answers_to_a_predecessor_in_its_place(system: str, box:
     first.close()
     second = LoopClient(system, "IO1")
     number = second.send("power_off")
-    begun.fail("power_off was asked for")
+    begun.fail("power_off was requested")
     (ended,) = box.drain()
     ended.done()
     assert [(reply.id, reply.outcome) for reply in second.poll()] == [(number, "done")]

@@ -249,7 +249,7 @@ def test_what_is_no_file_is_refused_at_once(world: Any, kind: str) -> None:
 def test_what_anybody_may_write_is_refused(ring: str) -> None:
     for mode in (0o602, 0o666, 0o777):
         path_of(ring).chmod(mode)
-        refused(ring, rf"anybody may write it \(mode {mode:o}\); allowed are 600 and 660")
+        refused(ring, rf"every user may write it \(mode {mode:o}\); allowed are 600 and 660")
     path_of(ring).chmod(0o660)
     Segment(ring).close()
 
@@ -257,7 +257,7 @@ def test_what_anybody_may_write_is_refused(ring: str) -> None:
 def test_another_owner_is_refused_in_plain_words(ring: str) -> None:
     as_root()
     os.chown(path_of(ring), 4242, -1)
-    refused(ring, "belongs to user 4242; accepted are root and whom TROCAR_SERVICE_USER names")
+    refused(ring, "belongs to user 4242; accepted are root and the user in TROCAR_SERVICE_USER")
     with pytest.raises(SegmentError, match="exists already and belongs to user 4242"):
         create(ring, "ring", SCHEMA, 8)
 

@@ -109,7 +109,7 @@ def test_bits_are_those_of_the_group_alone(instance: Instance) -> None:
 @pytest.mark.parametrize(("topic", "group", "called"), [("gains", "", "gains"), ("state", "colour", "state/colour")])
 def test_what_nobody_has_cannot_be_wanted(system: str, topic: str, group: str, called: str) -> None:
     subscriber = Subscriber(system, "PSM1")
-    with pytest.raises(SegmentError, match=f"PSM1 has nothing called {called} that could be wanted; it has: state, "):
+    with pytest.raises(SegmentError, match=f"PSM1 has no {called} to subscribe to; it has: state, "):
         subscriber.want(topic, group)
     subscriber.close()
 
