@@ -200,7 +200,7 @@ class BoardFaults:
     def _row(self, board: int, bus: str) -> int:
         """Row of a board by its id; the bus may be left out where there is one only."""
         if not bus and len(self._names) > 1:
-            raise KeyError(f"board {board}: say of which bus; there are {', '.join(self._names)}")
+            raise KeyError(f"board {board}: specify its bus; there are {', '.join(self._names)}")
         name = self._names[self.buses(bus)[0]]
         row = self._wiring.rows.get((name, board))
         if row is None:

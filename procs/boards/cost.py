@@ -207,7 +207,7 @@ class BoardsBench:
             self._server.serve(WINDOW_NS)
             used += thread_time_ns() - begin
             if number % CYCLES == 1 and self._client.recv_into(self._buffer) != self.host.reply_bytes:
-                raise ValueError("the hub's reply came back otherwise over the sockets")
+                raise ValueError("the hub's reply differs over the sockets")
         return {"sockets": used}
 
     def parts(self, sent: Sent) -> dict[str, int]:

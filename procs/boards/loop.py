@@ -97,7 +97,7 @@ class BoardsLoop(runtime.Loop):
             self._orders.carry_out(command)
         if world.skipped_steps != self._skipped:
             steps, self._skipped = world.skipped_steps - self._skipped, world.skipped_steps
-            self.node.events.report(codes.BOARDS_LATE, f"stopped for {steps} physics steps; the robots stood still "
+            self.node.events.report(codes.BOARDS_LATE, f"stalled for {steps} physics steps; the robots stood still "
                                    "meanwhile", value=steps)
 
     def close(self) -> None:

@@ -64,7 +64,7 @@ class SetupJointsPlant:
         if len(positions) != JOINTS or not all(math.isfinite(value) for value in positions):
             raise ValueError(f"{arm}: {len(positions)} positions; allowed: {JOINTS} finite numbers")
         if not self.released[self.arms[arm].plug - 1]:
-            raise ValueError(f"{arm}: its brakes hold; a current has to let them go")
+            raise ValueError(f"{arm}: its brakes are engaged; release them first")
         self.settle(arm, positions)
 
     def settle(self, name: str, positions: Sequence[float]) -> None:

@@ -84,7 +84,7 @@ class Calls:
         if row is None:
             raise WrongMessage(none_such("command", command[:80], owner.rows, to))
         if not self._rights.commands:
-            raise WrongMessage("this connection may only look (trocar.socket.grants)")
+            raise WrongMessage("this connection is read-only (trocar.socket.grants)")
         if not self._rights.powers and may_power(row, text, values):
             raise WrongMessage(f"{to} {command}: {MAY_NOT}")
         if self._is_over():

@@ -24,4 +24,4 @@ def none_such(what: str, name: str, known: Iterable[str], owner: str = "") -> st
     if near := difflib.get_close_matches(str(name), names, 3, 0.5):
         return f"{said}; did you mean {', '.join(near)}?"
     there = names if len(names) <= 8 or len(", ".join(names)) <= ROOM else [*names[:8], "…"]
-    return f"{said}; " + (f"there are: {', '.join(there)}" if there else "there is none at all")
+    return f"{said}; " + (f"there are: {', '.join(there)}" if there else "there are none")

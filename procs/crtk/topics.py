@@ -82,7 +82,7 @@ def _entries(system: str, instance: str, ring: str) -> list[TopicEntry]:
     except SegmentError as error:
         return [TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, problem=str(error))]
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # a header may say anything
-        text = f"what its header says of it makes no sense ({type(error).__name__}: {error})"
+        text = f"its header is invalid ({type(error).__name__}: {error})"
         return [TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, problem=text)]
     return [dataclasses.replace(entry, problem=writer_gone(gone), simulation=simulation) for entry in entries]
 

@@ -154,7 +154,7 @@ class ArmConfig:
     client_timeout_s: Annotated[
         float, Key(0.0, 10.0, "s after the last servo command of a stream, then hold; 0: never")] = 0.0
     effort_timeout_s: Annotated[
-        float, Key(0.0, 10.0, "s that efforts last that are not asked for again; 0: for ever")] = 0.1
+        float, Key(0.0, 10.0, "s that efforts last unless they are sent again; 0: forever")] = 0.1
     effort_speed_ratio: Annotated[
         float, Key(0.0, 5.0, "times the usual limits of speed in effort mode; 0: none")] = 1.0
     effort_zone_ratio: Annotated[

@@ -26,7 +26,7 @@ class RosBridge:
     namespace: Annotated[str, Key(
         pattern=r"^[A-Za-z][A-Za-z0-9_/]{0,39}$|^$",
         text="in front of all names: letters, digits, _ and /, a letter first, at most 40")] = ""
-    may_power: Annotated[bool, Key(text="people there may power and home; usually on lo only", is_optional=True)] = True
+    may_power: Annotated[bool, Key(text="its clients may power and home; usually on lo only", is_optional=True)] = True
     pid: Annotated[Literal["off", "ro", "rw"], Key()] = "off"  # joint controllers: ro: seen, rw: also commanded
     io: Annotated[Literal["off", "ro", "rw"], Key()] = "off"  # the same
     tf: Annotated[bool, Key()] = True

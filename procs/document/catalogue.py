@@ -119,12 +119,12 @@ def find(text: str, entries: Sequence[E]) -> CatalogueMatch[E]:
         return CatalogueMatch(None, f"model {asked.model} is not called {asked.name}", _names(models), asked.note)
     fitting = [entry for entry in named if _fits(entry, asked)]
     if not fitting:
-        return CatalogueMatch(None, f"no entry is good for version {asked.version}", _names(named), asked.note)
+        return CatalogueMatch(None, f"no entry covers version {asked.version}", _names(named), asked.note)
     if len(fitting) == 1:
         return CatalogueMatch(fitting[0], note=asked.note)
     if len({entry.names[:1] for entry in fitting}) > 1:
         return CatalogueMatch(None, f"several instruments are of model {asked.model}", _names(fitting), asked.note)
-    return CatalogueMatch(None, "several versions of this instrument exist: say which", _names(fitting), asked.note)
+    return CatalogueMatch(None, "several versions of this instrument exist: specify one", _names(fitting), asked.note)
 
 
 def _fits(entry: CatalogueEntry, asked: ParsedName) -> bool:

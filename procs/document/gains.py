@@ -12,7 +12,7 @@ from trocar.procs.document.keys import Key, keys_in
 
 LARGEST_STEP: Final = 10.0  # largest factor while the joint controller is on: more is likely a misplaced decimal point
 LARGEST: Final = 1e6  # far above the gains of any arm, far below an overflow in computations
-STIFF: Final = "too much of it shakes or throws the arm"
+STIFF: Final = "too large a value makes the arm shake or jump"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Gain:
     high: float
     above: bool  # `low` itself is not allowed
     switch: bool  # 1 or 0
-    stiff: bool  # too much of it shakes or throws the arm
+    stiff: bool  # too large a value makes the arm shake or jump
 
     def wrong(self, value: float) -> str:
         """The allowed values if `value` is not allowed; otherwise empty."""

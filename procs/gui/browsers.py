@@ -188,11 +188,11 @@ class Browser:
         released, or after a fault.
         """
         if self._served.control.holder(now_ns) != self.name:
-            raise WrongMessage("take control first: this page only looks")
+            raise WrongMessage("take control first: this page is read-only")
         heard = self._served.ticks.heard(asked.parts["tick"])
         if heard is None or now_ns - heard.sent_ns > late_ns:
-            raise WrongMessage(f"it came too late: more than {late_ns * 1e-9:g} s after what this page had heard; "
-                               "the way to the console is slow")
+            raise WrongMessage(f"it came too late: more than {late_ns * 1e-9:g} s after the data that this page had; "
+                               "the connection to the console is slow")
         return heard.generation
 
     # -- messages to the page

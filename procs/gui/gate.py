@@ -119,7 +119,7 @@ class Gate:
                 await asyncio.sleep(GUESS_S)
             finally:
                 self._guessing.discard(who)
-        await _answer(scope, send, 401, FORM.format(why="This is not the token." if given else ""), (), b"text/html")
+        await _answer(scope, send, 401, FORM.format(why="This token is wrong." if given else ""), (), b"text/html")
 
 
     async def _refuse_for_now(self, scope: Scope, send: Send) -> None:

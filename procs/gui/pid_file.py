@@ -28,7 +28,7 @@ class PidFiles:
     async def file(self, robot: IoRobot) -> Response:
         """The file of a robot, or the reason why there is none."""
         if self._asked >= WAITING:
-            return Response(f"{WAITING} files are being made: try again in a while", 503, media_type="text/plain")
+            return Response(f"{WAITING} files are being written: try again later", 503, media_type="text/plain")
         self._asked += 1
         try:
             async with self._one:
@@ -41,7 +41,7 @@ class PidFiles:
             made = Path(place) / f"PID-{robot.robot.name}.json"
             code, said = await self._run("pid", "save", robot.robot.name, str(made), "--system", self._system)
             if code or not made.is_file():
-                return Response(said or "no file was made", 409, media_type="text/plain")
+                return Response(said or "no file was written", 409, media_type="text/plain")
             notes = said.replace(str(made), made.name).encode("ascii", "replace").decode()[:NOTES]
             return Response(made.read_bytes(), media_type="application/json", headers={
                 "content-disposition": f'attachment; filename="{made.name}"', "cache-control": "no-store",

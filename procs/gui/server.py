@@ -61,7 +61,7 @@ class WebServer:
         client = page.client
         if client is None or len(self._browsers.all) >= self._most:
             await page.close(1013, f"{len(self._browsers.all)} pages are open already (trocar.gui.max_clients): "
-                                   "close one; till then nothing works here, nor does Power off")
+                                   "close one; until then nothing works here, not even Power off")
             return
         browser = self._browsers.come(page, f"{client.host} port {client.port}")
         sending = asyncio.create_task(browser.deliver())

@@ -37,12 +37,12 @@ OPAQUE: Final[Mapping[str, str]] = {
     "_ctypes.PyCFuncPtr": "functions of the native library and of libc",
     "_io.TextIOWrapper": "logs are no state",
     "_struct.Struct": "never changes",
-    "_thread.RLock": "nobody has it while the host does not run",
-    "_thread.lock": "nobody has it while the host does not run",
+    "_thread.RLock": "not held while the host does not run",
+    "_thread.lock": "not held while the host does not run",
     "logging.Logger": "logs are no state",
     "logging.RootLogger": "logs are no state",
     "mmap.mmap": "segments, which the snapshot keeps as bytes",
-    "mujoco._structs.MjModel": "nobody writes into a model once it is assembled",
+    "mujoco._structs.MjModel": "not written once it is assembled",
     "operator.attrgetter": "never changes",
     "operator.itemgetter": "never changes",
     "pathlib.PosixPath": "never changes",
@@ -106,7 +106,7 @@ class RememberedObjects:
                 return [*keep(self, one), *self._own(one)]
         kind: Any = type(one)
         if not _is_plain(kind):
-            raise UnknownTypeError(f"{self._path(one)} is a {_name(kind)}, of which nobody has said how it is put "
+            raise UnknownTypeError(f"{self._path(one)} is a {_name(kind)}, and no rule says how it is put "
                                    "back (procs/host/objects.py)")
         return self._own(one)
 

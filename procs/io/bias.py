@@ -74,7 +74,7 @@ class Bias:
         which = robots.has_encoder[axes] & ~left_out
         if not robots.has_pot[axes][which].all():
             return "some of its encoders have no potentiometer"
-        return "" if which.any() else "it has no encoders, or none that are not left out"
+        return "" if which.any() else "it has no encoders, or all of them are left out"
 
     def begin(self, robot: int, samples: int, left_out: Flags) -> None:
         """Start with |samples| potentiometer samples; negative accepts preset encoders."""

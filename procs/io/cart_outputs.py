@@ -138,7 +138,7 @@ class SetupBrakes:
         """Release the brakes under an arm for a moment, or engage them; returns the reason for a refusal, or ""."""
         brake = self._brakes.get(robot)
         if brake is None:
-            return "there are no setup joints under it whose brakes io lets go"
+            return "there are no setup joints under it whose brakes io releases"
         if on and not self._record.amps_on[robot]:
             return "its amplifiers are not on"
         brake.until_ns = now_ns + HOLD_NS if on else 0
@@ -157,12 +157,12 @@ class SetupBrakes:
         if pressed and powered and not brake.powered:
             self._reports.warn(codes.CLUTCH_STUCK, name)
         elif pressed and not powered and not brake.pressed:
-            self._reports.status("the arm needs power before the brakes of its setup joints let go", name)
+            self._reports.status("the arm needs power before the brakes of its setup joints are released", name)
         brake.pressed, brake.powered = pressed, powered
         if let_go != brake.let_go:
             brake.let_go = let_go
             self._outputs.keep(brake.output, float(let_go))
-            self._reports.status(f"brakes of the setup joints {'let go' if let_go else 'hold'}", name)
+            self._reports.status(f"brakes of the setup joints {'released' if let_go else 'engaged'}", name)
 
     def shutdown(self) -> None:
         """Engage all."""

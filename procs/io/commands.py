@@ -64,7 +64,7 @@ class IoCommands:
             if robot >= 0 and command.name == "power_off":
                 self._faults[robot].switched_off(command.origin.id)
             if robot >= 0 and command.name in SWITCHING:
-                self._desired.void(robot, f"{command.origin.program or UNKNOWN} asked for {command.name} meanwhile")
+                self._desired.void(robot, f"{command.origin.program or UNKNOWN} requested {command.name} meanwhile")
         for desired in self._desired.due():
             self._carry_out(desired)
 
@@ -114,7 +114,7 @@ class IoCommands:
                 if shown.all():
                     command.done()
                 else:
-                    command.fail(self._why(robot, "the bias was given up"))
+                    command.fail(self._why(robot, "the bias was aborted"))
 
     def _why(self, robot: int, otherwise: str) -> str:
         fault = fault_of(int(self._record.fault[robot]))
@@ -164,7 +164,7 @@ class IoCommands:
 
     def _power_on(self, robot: int, command: Request) -> None:
         if sum(waiting == robot for waiting, _ in self._powering) >= MAX_POWERING:
-            raise CommandRefused("power-on is under way and asked for often enough")
+            raise CommandRefused("power-on is already pending")
         was_on = bool(self._record.power_requested[robot])
         if why := self._power.on(robot, self._now_ns):
             raise CommandRefused(why)
@@ -349,8 +349,8 @@ class IoCommands:
         who = [word[1:] for word in words if word.startswith(WHO)]
         keys = [word for word in words if not word.startswith(WHO)]
         values = [float(value) for value in command.values]
-        gains = self._on_boards("it is where its setpoints are, and no gain would change that").gains
-        _refuse_if(gains.change(robot, int(values[0]), keys, values[1:], who[0] if who else "somebody"))
+        gains = self._on_boards("its positions follow the setpoints exactly, whatever its gains").gains
+        _refuse_if(gains.change(robot, int(values[0]), keys, values[1:], who[0] if who else "another program"))
         command.done(gains.objection(robot))
 
     def _trigger_read(self, reader: int, command: Request) -> None:

@@ -228,7 +228,7 @@ class RobotIo:
         """Decode a good sample and check it."""
         if self._lost:
             self._lost = False
-            self.reports.status("the controllers answer again")
+            self.reports.status("communication with the controllers restored")
             back = ~self.port.away
             self._bias.forget(restore(self.robots, self.port, self._watchdogs, self.digital_outputs, back, now_ns))
         power, safety = self.power, self.safety

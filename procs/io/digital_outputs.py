@@ -143,7 +143,7 @@ class DigitalOutputs:
         """Why an output cannot have this duty cycle, or ""."""
         output = self._outputs[place]
         if not output.is_pwm:
-            return "the file does not call it a PWM"
+            return "the file does not declare it as a PWM output"
         if not output.pwm_hz > MIN_PWM_HZ:
             return f"its PWM_frequency is {output.pwm_hz} Hz; allowed: above {MIN_PWM_HZ:g}"
         return "" if 0.0 <= duty <= 1.0 else f"duty {duty}; allowed: 0 to 1"

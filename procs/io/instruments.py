@@ -71,11 +71,11 @@ class InstrumentReaders:
         if reading is None:
             sharing = [other for other in self.running if self._boards[other] == self._boards[reader]]
             if sharing:
-                return f"its board is reading for {self.names[sharing[0]]}"
+                return f"its board is busy reading for {self.names[sharing[0]]}"
             reading = self.running[reader] = MemoryReading(now_ns, now_ns)
             self._show(reader, READING, None, now_ns)
         elif len(reading.askers) >= MAX_WAITING:
-            return "it is being read and was asked for often enough"
+            return "a read is already pending"
         reading.askers.append(asker)
         asker.accept()
         return ""
@@ -84,7 +84,7 @@ class InstrumentReaders:
         """After the write of a cycle: one request to at most one board, and none while samples are bad."""
         for reader, reading in self.running.items():
             if now_ns - reading.begun_ns > MAX_NS:
-                self._end(reader, ERROR, "it could not be read in 3 s: no two readings are alike, or the board does "
+                self._end(reader, ERROR, "it could not be read in 3 s: no two readings agree, or the board does "
                           "not answer", None, now_ns)
                 return
             if good and now_ns >= reading.due_ns:

@@ -78,7 +78,7 @@ class KinematicIo:
         self.stamp_ns = now_ns()
         """When the newest cycle began: the stamp of the record."""
         for name in robots.names:
-            self.reports.status("KINEMATIC: no boards and no motors, it goes where its setpoints are", name)
+            self.reports.status("KINEMATIC: no boards, no motors; positions follow the setpoints exactly", name)
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
         """One cycle; the caller publishes the record afterwards, and has numpy ignore NaN and infinite values."""

@@ -167,7 +167,7 @@ class SetpointTracker:
         source, record, robot, axes = follower.source, self._record, follower.robot, follower.axes
         if record.holding[robot]:
             record.holding[robot] = follower.lost = follower.off = False
-            self._reports.status(f"setpoints of {follower.arm} are back", self._robots.names[robot])
+            self._reports.status(f"setpoints of {follower.arm} resumed", self._robots.names[robot])
         count = axes.stop - axes.start
         meant = (source.bias_generation.item() == record.bias_generation[robot]
                  and source.pid_generation.item() == record.pid_generation[robot])

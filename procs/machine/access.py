@@ -27,7 +27,7 @@ def token_in(path: str) -> bytes:
     except OSError as error:
         raise AccessError(f"{path}: {error.strerror}") from None
     if stat.S_IMODE(status.st_mode) & 0o077 or status.st_uid not in (os.getuid(), 0):
-        raise AccessError(f"{path}: others may read it; chmod 600 {path}")
+        raise AccessError(f"{path}: other users may read it; chmod 600 {path}")
     if len(token) < SHORTEST:
         raise AccessError(f"{path}: a token has {SHORTEST} characters at least: openssl rand -hex 16 > {path}")
     return token

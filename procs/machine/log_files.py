@@ -66,11 +66,11 @@ class LogFolder:
 
     def _begin_anew(self, path: Path) -> int:
         """Rotate a file; returns the size of the new one, whose first line names the old one."""
-        where = f"what was before is in {_old(path, 1).name}" if self._keep else "what was before is not kept"
+        where = f"earlier entries are in {_old(path, 1).name}" if self._keep else "earlier entries were not kept"
         try:
             self._copy(path)
         except OSError as error:
-            where = f"what was before could not be kept: {error}"
+            where = f"earlier entries could not be kept: {error}"
         finally:
             os.truncate(path, 0)
         line = f"{datetime.now().isoformat(' ', 'microseconds')} {time.monotonic():.6f} INFO {where}\n".encode()

@@ -71,7 +71,7 @@ class NodeMemory:
         self.page.field("pauses")[...] = 0
         self._time_ns = now_ns
         self.events = Events(events, now_ns, loglines.into(self.log) if is_child else None, name, self.row.typed)
-        self._begun = f"{name} has just started; ask again", DIED
+        self._begun = f"{name} has just started; try again", DIED
         self.page.show("STARTING")
         kind, period_ns = proc(self.kind), round((period_s or self.row.period_s) * 1e9)
         ios_ns = [round(io.period_s * 1e9) for io in document.ios]

@@ -235,5 +235,5 @@ def lacking(policies: Mapping[str, str]) -> str:
         *reported,
         f"they are late whenever this machine is busy; two lines in {LIMITS_FILE} and a new login grant both:",
         *(f"    {line}" for line in lines),
-        f"or, where systemd starts the system, {SYSTEMD} in its unit; trocar doctor looks at the rest of the machine",
+        f"or, where systemd starts the system, {SYSTEMD} in its unit; trocar doctor checks the rest of the machine",
     ))

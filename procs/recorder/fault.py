@@ -141,7 +141,7 @@ class FaultRecording:
                 for chunk in chunks_of(path, since_ns):
                     file.put(chunk)
             if own.has_made_room and len(there) < len(before):
-                raise OSError(errno.ENOSPC, "the oldest of the black box made room for it")
+                raise OSError(errno.ENOSPC, "the oldest file of the black box was deleted to make room for it")
 
         own.do(copy)
         own.finish({"rings": str(self.lost)}, names.LOSSES)

@@ -59,7 +59,7 @@ class FaultKeeper:
         if fault.code and (fault.instance, fault.reason) in [(each.instance, each.reason) for each, _ in self._next]:
             return  # a repetition of an error in the queue
         if len(self._next) >= MAX_QUEUE:
-            raise ValueError(f"{MAX_QUEUE} wait to be kept already")
+            raise ValueError(f"{MAX_QUEUE} are already waiting to be saved")
         self._next_ns = self._next_ns if self._next else self._times.monotonic_ns
         self._next.append((fault, asked))
         if self._now is None:

@@ -110,7 +110,7 @@ class RecorderLoop(UserNode):
         if request.name == "stop":
             return self._stop_named(request)
         if request.name == "keep":
-            self._keeper.saw(SeenFault(ASKED, request.text or "somebody asked for it"), request)
+            self._keeper.saw(SeenFault(ASKED, request.text or "on request"), request)
             return self.LATER
         return self._nothing_else(request)
 
@@ -120,7 +120,7 @@ class RecorderLoop(UserNode):
         entries = self._chosen.pop(who, [])  # a refusal discards all choices
         chosen(self._sources, [topic])
         if len(entries) >= MAX_CHOSEN:
-            raise ValueError(f"{MAX_CHOSEN} topics are as many as can be chosen; leave them out to record all")
+            raise ValueError(f"{MAX_CHOSEN} topics at most can be chosen; choose none to record all")
         self._chosen[who] = [*entries, topic]
 
     def _record(self, request: Received) -> object:
@@ -131,7 +131,7 @@ class RecorderLoop(UserNode):
             raise ValueError(f"{self._named.name} is being recorded; trocar record --stop {self._named.name} ends it")
         if not NAME.fullmatch(request.text) or request.text.split("-")[0] in names.WORDS:
             raise ValueError(f"{request.text[:60]!r} is no name; allowed are up to 60 letters, digits, . _ and -, but "
-                             f"not {'-…, '.join(names.WORDS)}-…: files of others are called so")
+                             f"not {'-…, '.join(names.WORDS)}-…: these name other files")
         if not 0.0 <= seconds <= 86400.0:
             raise ValueError(f"for {seconds:g} s; allowed are 0 (until it is stopped) to 86400")
         entries = chosen(self._sources, topics)
@@ -235,7 +235,7 @@ class RecorderLoop(UserNode):
             text = self._missing
         if loses or self._disk.problem:
             why = self._disk.problem or "the disk is too slow"
-            text = f"what happens now is not recorded into {self._folder}: {why}"
+            text = f"nothing is recorded into {self._folder} at present: {why}"
         self.own.page.field("error")[...] = shorten(text, 399)
 
     def _tell(self, dropped: int) -> None:
@@ -250,7 +250,7 @@ class RecorderLoop(UserNode):
             self.own.events.report(codes.RECORDING_DROPPED, f"{lost} messages were not recorded into {self._folder}: "
                                    f"{why}", self.name, value=float(lost))
         elif before:
-            self.own.events.status(f"what comes is recorded again; {lost} messages before were not", self.name)
+            self.own.events.status(f"recording has resumed; {lost} messages before that are missing", self.name)
 
     def quit(self) -> None:
         """End all files properly, if the disk is fast enough."""

@@ -35,7 +35,7 @@ def chosen(sources: SystemSources, topics: Sequence[str]) -> list[TopicEntry]:
         ours = [entry for entry in sources.entries if entry.name == topic
                 or (entry.instance == topic and entry.name in sources.rings)]
         if not ours:
-            raise ValueError(f"no topic {topic}; trocar list names them all, events come along by themselves")
+            raise ValueError(f"no topic {topic}; trocar list names them all; events are always included")
         found += [entry for entry in ours if entry not in found]
     return found
 

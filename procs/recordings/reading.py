@@ -136,7 +136,7 @@ class RecordingReader:
         for _, piece in self.pieces([topic], begin_ns, end_ns, stamps):
             size += piece.rows.nbytes
             if size > MAX_ROWS:
-                self._wrong(f"{topic}: it has more than {MAX_ROWS >> 20} MB of records; read are the first ones")
+                self._wrong(f"{topic}: it has more than {MAX_ROWS >> 20} MB of records; only the first ones are read")
                 break
             found.append(piece)
         return joined(found, self.dtype(topic))
@@ -215,7 +215,7 @@ class RecordingReader:
         wrong = [field for field in known.names or () if field not in (found.names or ()) or
                  (found[field].base.kind, found[field].shape) != (known[field].base.kind, known[field].shape)]
         if wrong:
-            self._wrong(f"{name}: left out, its layout is another than that of {usual.name} ({', '.join(wrong[:3])})")
+            self._wrong(f"{name}: left out: its layout differs from that of {usual.name} ({', '.join(wrong[:3])})")
         return not wrong
 
     # reading
@@ -246,7 +246,7 @@ class RecordingReader:
             elif opcode in READ:
                 self._take(opcode, self._file.read(length))
             at += length
-        self._wrong("its writer did not end it: the last messages may be missing")
+        self._wrong("its writer did not close it: the last messages may be missing")
 
     def _look_at_chunk(self, at: int, length: int) -> None:
         if length < CHUNK.size:

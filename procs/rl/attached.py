@@ -85,8 +85,8 @@ class AttachedRobot(RobotBackend):
         with contextlib.ExitStack() as stack:
             self._time = stack.enter_context(SystemTime(self._system))
             if self._time.clock == LOCKSTEP:
-                raise Problem(f"{self._system} is in lock-step, whose time waits for no program of ours; start it with "
-                              "--clock paced")
+                raise Problem(f"{self._system} is in lock-step, whose time does not wait for this program; start it "
+                              "with --clock paced")
             self._gap_ns: Callable[[], int] = self._time.now_ns if self._time.simulated else boottime_ns
             self._others: list[OtherCommands] = []
             self.links: Sequence[ArmLink] = [self._attached(name, stack) for name in names]
@@ -96,7 +96,7 @@ class AttachedRobot(RobotBackend):
             self._first_bases = list(self._bases)
             self.frame = self.links[0].frame
             if len(frames := {link.frame for link in self.links}) > 1:
-                raise Problem(f"{', '.join(names)} tell their poses in different frames: {', '.join(sorted(frames))}")
+                raise Problem(f"{', '.join(names)} report their poses in different frames: {', '.join(sorted(frames))}")
             self._held = stack.pop_all()
         self._ways = [Way(model) for model in self.models]
         self._due_ns: int | None = None
@@ -132,7 +132,7 @@ class AttachedRobot(RobotBackend):
         if link.problem:
             return link.problem
         if asked := self._others[number].look():
-            return f"{link.name} was asked for {asked}"
+            return f"{link.name} received {asked}"
         if why := self._otherwise(number):
             return why
         if (base := link.base).tobytes() != self._bases[number].tobytes():
@@ -141,7 +141,7 @@ class AttachedRobot(RobotBackend):
         first = self._first_bases[number]
         if math.dist(base[:3], first[:3]) > BASE_M or angle_between(base, first) > BASE_RAD:
             return f"the base of {link.name} has moved since the environment was made"
-        return f"poses of {link.name} are told in {link.frame}, not {self.frame}" if link.frame != self.frame else ""
+        return f"poses of {link.name} are now in {link.frame}, not {self.frame}" if link.frame != self.frame else ""
 
     def _otherwise(self, number: int) -> str:
         """Changes to an arm that we did not command; its clutch, for example, leaves no trace in the audit."""
@@ -151,9 +151,9 @@ class AttachedRobot(RobotBackend):
         if not way.has_begun:
             return ""
         if link.is_busy:
-            return f"{link.name} is {link.doing}, which we did not ask for"
+            return f"{link.name} is {link.doing}, which we did not request"
         far = way.objection(model.vector(*link.setpoint(model.count)))
-        return f"{link.name} was moved by somebody else: {far} from where we asked it to be" if far else ""
+        return f"{link.name} was moved by another program: {far} from its requested position" if far else ""
 
     def now_ns(self) -> int:
         """The system's time."""
@@ -174,7 +174,7 @@ class AttachedRobot(RobotBackend):
             if why := self.look(number):
                 self._give_up(why)
             if link.is_busy:
-                raise RobotStopped(f"{link.name} is {link.doing}, which we did not ask for; begin when it stands")
+                raise RobotStopped(f"{link.name} is {link.doing}, which we did not request; begin when it stands")
             self._slowly(number, start, model.has_jaw)
             self._stands(number)
         self.check()
@@ -211,13 +211,13 @@ class AttachedRobot(RobotBackend):
             if now in (was, ours):
                 asked = link.send(command, (was,))
         if asked and not (self._shown(number, lambda: bool(link.hear(asked))) and self._shown(number, is_back)):
-            self.stop(f"{link.name} does not get its trajectory ratio of {before[0]:g} back")
+            self.stop(f"{link.name} cannot get back its trajectory ratio of {before[0]:g} back")
 
     def _stands(self, number: int) -> None:
         """The record shows the end of our move: the arm continues from there, or not at all."""
         link, model = self.links[number], self.models[number]
         if not self._shown(number, lambda: not link.is_busy):
-            self._give_up(f"{link.name} is {link.doing}, which we did not ask for")
+            self._give_up(f"{link.name} is {link.doing}, which we did not request")
         self._ways[number].begin(model.vector(*link.setpoint(model.count)))
 
     def _shown(self, number: int, what: Callable[[], bool]) -> bool:
@@ -257,7 +257,8 @@ class AttachedRobot(RobotBackend):
         self.keeps_pace(round(POLL_S * 1e9))
         link = self.links[arm]
         if any(ratio > allowed for ratio, allowed in zip(link.ratios, pace, strict=True)):
-            self._give_up(f"somebody else set the trajectory ratio of {link.name} to {max(link.ratios):g} in our move")
+            ratio = max(link.ratios)
+            self._give_up(f"another program set the trajectory ratio of {link.name} to {ratio:g} during our move")
 
     def wait_until(self, deadline_ns: int) -> None:
         """See RobotBackend. RobotStopped if we, or the system's time, were stalled."""

@@ -177,7 +177,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         if goal is None:
             return None
         if not self.IS_GIVEN:
-            raise ValueError(f"the goal of {type(self).__name__} moves in its own way, none can be given")
+            raise ValueError(f"the goal of {type(self).__name__} is chosen by the environment; none can be given")
         found = np.asarray(goal, dtype=np.float64)
         if found.shape != (self.GOAL,) or not (np.abs(found) <= FURTHEST).all():
             raise ValueError(f"a goal is {self.GOAL} numbers from {-FURTHEST:g} to {FURTHEST:g}, not {goal!r}")

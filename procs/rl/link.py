@@ -65,7 +65,7 @@ class ArmLink:
         what = f"{self.name} is {self.state}" + ("" if self._homed[()] else " and not homed")
         why = self.reason
         if not why and self._homed[()]:
-            why = "where its base is is not known" if self._valid[()] else "its joints are not valid"
+            why = "its base frame is not known" if self._valid[()] else "its joints are not valid"
         return what + (f": {why}" if why else "")
 
     @property

@@ -54,9 +54,9 @@ class OtherCommands:
                 continue
             text = str(plain(self._text.item()))
             self._is_stop = row is not None and row.is_stop(text, ())
-            self._asked = f"{command} {text}".rstrip() + f" by {plain(self._program.item()) or 'another process'}"
+            self._asked = f"{command} {text}".rstrip() + f" from {plain(self._program.item()) or 'another process'}"
         if self._audit.lost:  # a stop may have been among it
-            self._asked, self._is_stop = f"more than is kept: {self._audit.lost} commands are not known any more", True
+            self._asked, self._is_stop = f"more commands than are kept: {self._audit.lost} of them are lost", True
         return self._asked
 
 

@@ -68,16 +68,16 @@ class SocketServer:
         connection.on_end = partial(self._left, session, f"{host} port {port}")
         if not is_known:
             self._loop.call_later(HELLO_S, self._expect_hello, session)
-        self._log.info("%s port %s has come; clients: %d", host, port, len(self.sessions))
+        self._log.info("%s port %s has connected; clients: %d", host, port, len(self.sessions))
         return session
 
     def _expect_hello(self, session: Session) -> None:
         if session in self.sessions and not session.is_known:
-            session.link.end("no token came")
+            session.link.end("no token was received")
 
     def _left(self, session: Session, who: str) -> None:
         self.sessions.discard(session)
-        self._log.info("%s has left; clients: %d", who, len(self.sessions))
+        self._log.info("%s has disconnected; clients: %d", who, len(self.sessions))
 
     def _wake(self) -> None:
         """A client has sent a request: look soon."""

@@ -95,7 +95,7 @@ class Session:
         token = self._served.token
         if not self.is_known:
             if not token or not hmac.compare_digest(asked.parts["token"].encode(errors="replace"), token):
-                self._refuse(asked.id, "this is not the token")
+                self._refuse(asked.id, "the token is wrong")
                 self.link.end()
                 return
             self.is_known = True

@@ -31,7 +31,7 @@ def free_address(system: str) -> Callable[[int], str]:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
                 probe.bind((candidate, BUS_PORT))
                 return candidate
-        others = "; ".join(map(str, holders(BUS_PORT))) or "every address that was tried is taken"
+        others = "; ".join(map(str, holders(BUS_PORT))) or "all addresses that were tried are taken"
         raise NoAddress(f"no free loopback address with port {BUS_PORT} for an emulated bus: {others}")
 
     return address

@@ -21,7 +21,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--set", dest="sets", action="append", default=[])
     parser.add_argument("--for", dest="seconds", type=float)
     parser.add_argument("--document", action="store_true", help="the file is a frozen document, as recordings have it")
-    parser.add_argument("--held", action="store_true", help="simulated time stands until a program holds it back")
+    parser.add_argument("--held", action="store_true", help="simulated time does not start until a program controls it")
     return parser.parse_args()
 
 

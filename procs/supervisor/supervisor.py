@@ -93,7 +93,7 @@ class Supervisor:
         system = self.system
         left = memory.clear_left_over(system.name)
         if left:
-            log.warning("cleared %d segments that a dead system left", left)
+            log.warning("removed %d segments that a crashed system left", left)
         self.size = memory.create_all(system, make)
         try:
             self._begin(make)

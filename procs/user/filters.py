@@ -89,7 +89,7 @@ class HostedFilter:
         if process is not None and took_ns > self._row.period_s * 1e9 and now >= self._warn_ns:
             self._warn_ns = now + WARN_EVERY_NS
             process.own.events.report(codes.USER_SLOW, f"{self._row.name} took {took_ns * 1e-6:.1f} ms of a period of "
-                                      f"{self._row.period_s * 1e3:g} ms; all that share its process wait meanwhile",
+                                      f"{self._row.period_s * 1e3:g} ms; all filters of its process wait meanwhile",
                                       self._row.name)
 
     def _end(self, why: str) -> None:

@@ -271,7 +271,7 @@ class UserNode:
             for request in self._mailbox.drain(0 if self.time.simulated else monotonic_ns()):
                 count += 1
                 if waiting is not None and waiting.name == request.name:
-                    waiting.done("a newer one took its place")
+                    waiting.done("replaced by a newer one")
                 elif waiting is not None:
                     self._carry_out(waiting)
                 waiting = None

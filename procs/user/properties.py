@@ -76,4 +76,4 @@ class Properties(Mapping[str, Any]):
         except FileNotFoundError:
             return
         except (OSError, ValueError, TypeError) as error:
-            log.warning("%s: not all of it counts: %s", path, error)
+            log.warning("%s: some of it is ignored: %s", path, error)

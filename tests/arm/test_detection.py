@@ -66,7 +66,7 @@ def test_a_reading_that_somebody_else_asked_for_counts_as_well() -> None:
 
 def test_a_reader_that_is_busy_is_asked_again() -> None:
     psm = with_adapter(tool_detection="AUTOMATIC")
-    psm.io.memory, psm.io.refuses["trigger_read"] = f"{DRIVER}[3]", "its board is reading for another"
+    psm.io.memory, psm.io.refuses["trigger_read"] = f"{DRIVER}[3]", "its board is busy reading for another"
     psm.put_on("tool")
     psm.run(1.0)
     assert psm.state["count"] == 7 and not psm.reports.of("error")

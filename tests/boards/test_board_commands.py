@@ -158,7 +158,7 @@ def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float]
     ("power_loss", [1], "ECM2", "ECM2: no such robot; there are PSM1, ECM"),
     ("amp_fault", [5, 1], "PSM1", "PSM1: axis 5; allowed: 0 to 4"),
     ("set_position", [1], "PSM1", "PSM1: 1 positions; allowed: 5 from -10 to 10"),
-    ("unplug_board", [3], "", "board 3: say of which bus; there are IO1, IO2"),
+    ("unplug_board", [3], "", "board 3: specify its bus; there are IO1, IO2"),
     ("pull_tip", [0, 0, 0, 0, 0, 0, 1], "MTML", "MTML: no arm to hold; there are PSM1"),
     ("pull_tip", [0, 0, NAN, 0, 0, 0, 1], "PSM1", "x y z qx qy qz qw nan; allowed: finite numbers"),
     ("release_tip", [], "", "no name: no arm to hold; there are PSM1"),

@@ -195,7 +195,7 @@ def test_a_potentiometer_drifts_until_it_is_put_right() -> None:
 def test_wrong_names_are_answered_with_what_there_is() -> None:
     world, board_faults = _world()
     wrong: list[tuple[Callable[[], None], str]] = [
-        (lambda: board_faults.take_away(3, True), "board 3: say of which bus; there are IO1, IO2"),
+        (lambda: board_faults.take_away(3, True), "board 3: specify its bus; there are IO1, IO2"),
         (lambda: board_faults.withhold(4, 1, "IO1"), "board 4: not on the bus of IO1; there are 3, 9"),
         (lambda: board_faults.reset_bus("IO3"), "IO3: no such bus; there are IO1, IO2"),
         (lambda: board_faults.drift("PSM1", 5, 1.0), "PSM1: axis 5; allowed: 0 to 4"),

@@ -24,7 +24,7 @@ MISTAKES: list[tuple[Section, str, str, str, str]] = [  # section, hardware, key
     ({"firmware": 7}, "DQLA", "trocar.emulation.firmware", "no firmware 7 for a DQLA", "8 or 9"),
     ({"fpga": "V2"}, "dRA1", "trocar.emulation.fpga", "no firmware 8 for a dRA1 on FPGA V2", "V3"),
     ({"fpga": "V2", "firmware": 9}, "DQLA", "trocar.emulation.fpga", "on FPGA V2", "V3"),
-    ({"qla": "1.5", "firmware": 7}, "QLA1", "trocar.emulation.qla", "nothing of QLA 1.5", "firmware 8 or 9"),
+    ({"qla": "1.5", "firmware": 7}, "QLA1", "trocar.emulation.qla", "does not support QLA 1.5", "firmware 8 or 9"),
     ({"testboard": True}, "dRA1", "trocar.emulation.testboard", "not a dRA1 (board 6, 7 of IO1)", "false"),
     # without FireWire
     ({"network": "ethernet", "firmware": 8}, "QLA1", "trocar.emulation.firmware", "needs FireWire", "9, or network"),

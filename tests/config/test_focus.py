@@ -36,7 +36,7 @@ def test_it_has_two_outputs_and_the_pedals_of_the_foot_tray(home: Home) -> None:
 def test_without_pedals_commands_move_it(home: Home) -> None:
     system = load(home, "endoscope_focus_in", "endoscope_focus_out", pedals=False).system
     assert system is not None and system.focuses[0].pedals == ()
-    assert "lens: no pedals focus_plus and focus_minus, commands alone move the lens" in system.notes
+    assert "lens: no pedals focus_plus and focus_minus, only commands move the lens" in system.notes
 
 
 @pytest.mark.parametrize(

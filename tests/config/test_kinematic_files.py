@@ -76,7 +76,7 @@ def test_arm_is_told_to_be_played(home: Home) -> None:
     assert loaded.system is not None and loaded.warnings == ()
     (arm,) = loaded.system.arms
     assert (arm.simulation, arm.io, arm.robot) == ("KINEMATIC", "io", "PSM2")
-    assert any("PSM2 is KINEMATIC: its joints go where" in note for note in loaded.system.notes)
+    assert any("PSM2 is KINEMATIC: positions follow" in note for note in loaded.system.notes)
 
 
 def test_si_arm_starts_without_its_brakes(home: Home) -> None:
@@ -112,7 +112,7 @@ def test_files_of_a_bus_are_not_needed_by_an_arm_made_kinematic(home: Home) -> N
     loaded = home.load_made({"IOs": [BUS], "arms": [arm]})
     assert loaded.system is not None, loaded.errors
     assert [io.name for io in loaded.system.ios] == ["io"]
-    assert any("nothing of it on IO1 is used" in note for note in loaded.system.notes)
+    assert any("its part of IO1 is not used" in note for note in loaded.system.notes)
 
 
 def test_named_gains_are_checked_although_nothing_needs_them(home: Home) -> None:
@@ -125,7 +125,7 @@ def test_named_gains_are_checked_although_nothing_needs_them(home: Home) -> None
 def test_name_of_the_process_that_plays_is_taken(home: Home) -> None:
     loaded = home.load_made({"IOs": [{**BUS, "name": "io"}], "arms": [ARM]})
     (problem,) = loaded.errors
-    assert problem.key == "IOs[0].name" and "plays KINEMATIC arms" in problem.text
+    assert problem.key == "IOs[0].name" and "simulates KINEMATIC arms" in problem.text
 
 
 def test_arm_without_file_and_serial_is_refused(home: Home) -> None:

@@ -76,8 +76,8 @@ def test_real_boards_are_not_emulated(cart: CartFiles) -> None:
     ("name", "old", "new", "key", "says"),
     [
         (ARMS, '"plug_number": 2', '"plug_number": 5', "arms[1].plug_number", "up to 4"),
-        (ARMS, '"plug_number": 2', '"plug_number": 1', "arms[1].plug_number", "1 is that of arms[0], too"),
-        (ARMS, '"name": "PSM2"', '"name": "PSM1"', "arms[2].name", "PSM1 is that of arms[1], too"),
+        (ARMS, '"plug_number": 2', '"plug_number": 1', "arms[1].plug_number", "1 is also the plug of arms[0]"),
+        (ARMS, '"name": "PSM2"', '"name": "PSM1"', "arms[2].name", "PSM1 is also the name of arms[1]"),
         (ARMS, '"type": "Motorized PSM"', '"type": "MPSM"', "arms[3].type", "Motorized PSM"),
         (ARMS, "[ -0.098948, -2.382,", "[ -2.382,", "arms[0].primary_offsets", "6 numbers"),
         (ARMS, '"secondary_scales": [ 0.25819', '"remarks": [ 0.25819', "arms[0].secondary_scales", "required"),
@@ -109,7 +109,7 @@ def test_without_all_that_it_takes_there_are_no_setup_joints(cart: CartFiles, ol
     cart.spoil(IO, old, new)
     loaded = cart.load()
     (warning,) = loaded.warnings
-    assert (warning.key, warning.text) == ("arms[0]", "emulated without setup joints: IO1 has not all it takes")
+    assert (warning.key, warning.text) == ("arms[0]", "emulated without setup joints: IO1 lacks what they need")
     if loaded.system is None:  # then no process could read them either
         assert [error.key for error in loaded.errors] == ["arms[0].IO"]
     else:

@@ -48,7 +48,7 @@ def test_who_may_take_control_from_elsewhere_is_said(home: Home) -> None:
     loaded = home.load()
     assert loaded.system is not None, loaded.errors
     assert "gui: the robot in a browser: http://0.0.0.0:8080" in loaded.system.notes
-    assert "gui: who has the token may take control at 0.0.0.0:8080" in loaded.system.notes
+    assert "gui: clients with the token may take control at 0.0.0.0:8080" in loaded.system.notes
 
 
 def test_a_token_is_made_at_start_where_others_may_come_and_nothing_says_who(home: Home) -> None:

@@ -12,4 +12,4 @@ def test_the_owner_and_the_nearest_names_are_in_the_sentence() -> None:
 
 def test_where_no_name_is_near_all_are_listed() -> None:
     assert none_such("arm", "x", ["PSM1", "ECM"]) == "no arm x; there are: PSM1, ECM"
-    assert "none at all" in none_such("arm", "x", [])
+    assert "there are none" in none_such("arm", "x", [])

@@ -61,7 +61,7 @@ def test_an_underscore_before_the_model_is_accepted_with_a_note(text: str, row: 
 @pytest.mark.parametrize(("text", "reason", "candidates"), [
     ("LARGE_NEEDLE_DRIVER:420006", "several versions", ("LARGE_NEEDLE_DRIVER:420006[..11]",
                                                         "LARGE_NEEDLE_DRIVER:420006[12..]")),
-    ("LARGE_NEEDLE_DRIVER:420006[10..13]", "no entry is good for version [10..13]",
+    ("LARGE_NEEDLE_DRIVER:420006[10..13]", "no entry covers version [10..13]",
      ("LARGE_NEEDLE_DRIVER:420006[..11]", "LARGE_NEEDLE_DRIVER:420006[12..]")),
     ("SCISSORS:400006", "model 400006 is not called SCISSORS", ("LARGE_NEEDLE_DRIVER:400006",)),
     ("LARGE_NEEDLE_DRIVER:999999", "no instrument of model 999999",

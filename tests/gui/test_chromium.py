@@ -106,7 +106,7 @@ def test_a_page_too_many_says_so_and_comes_in_when_another_one_leaves(robot: Rob
         page.driver.get(address)
         lost = "document.querySelector('.bar .lost').textContent"
         page.until(f"document.body.dataset.connection === 'lost' && {lost}.startsWith('1 pages are open already')")
-        assert "nor does Power off" in page.js(f"return {lost}")
+        assert "not even Power off" in page.js(f"return {lost}")
         second = page.driver.current_window_handle
         page.driver.switch_to.window(first)
         page.driver.close()
@@ -223,7 +223,7 @@ def test_from_elsewhere_a_token_opens_the_console_and_nothing_else_does(robot: R
         robot.pids.add(robot.pid("gui"))
         page.until("document.querySelector('form')")
         page.find("input").send_keys("a wrong one, surely", Keys.ENTER)
-        page.until("document.body.innerText.includes('This is not the token')")
+        page.until("document.body.innerText.includes('This token is wrong')")
         assert "PSM1" not in page.driver.page_source
         page.find("input").send_keys(token, Keys.ENTER)
         page.until("document.body.dataset.connection === 'live'")

@@ -109,7 +109,7 @@ def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
     page.until("/cannot go there/.test(document.querySelector('.note.bad')?.textContent)")
     typed(page, x, "zwölf")
     page.click("[data-does=move-tip]")
-    page.until("/is none/.test(document.querySelector('.note.bad')?.textContent)")
+    page.until("/or invalid/.test(document.querySelector('.note.bad')?.textContent)")
 
 
 def test_nothing_is_read_of_an_arm_without_power(page: BrowserPage) -> None:

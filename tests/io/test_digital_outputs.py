@@ -84,7 +84,7 @@ def test_a_share_of_nothing_or_all_is_a_level(harness: IoHarness, duty: float, v
 
 @pytest.mark.parametrize(("name", "command", "values", "words"), [
     ("dark", "set_output", (1,), "no output 'dark' here; there are: light, lamp, pulse, pwm, slow"),
-    ("light", "set_pwm", (0.5,), "the file does not call it a PWM"),
+    ("light", "set_pwm", (0.5,), "the file does not declare it as a PWM output"),
     ("slow", "set_pwm", (0.5,), "PWM_frequency is 50.0 Hz; allowed: above 375"),
     ("pwm", "set_pwm", (1.5,), "duty 1.5; allowed: [0, 1]"),
     ("pwm", "set_pwm", (), "takes duty [0, 1]; none was given"),

@@ -32,7 +32,7 @@ def test_ten_thousand_bad_packets_are_one_warning_one_fault_and_one_recovery() -
     assert harness.record.bad_reads == 10_000 and harness.record.age_ns == pytest.approx(10_000 * 976_562, rel=1e-3)
     harness.port.good = True
     harness.run(10)
-    assert reported(harness) == ["read-missed", "bad-reads", "power off", "the controllers answer again"]
+    assert reported(harness) == ["read-missed", "bad-reads", "power off", "communication with the controllers restored"]
     assert harness.record.valid and not harness.record.pid_enabled[0] and not harness.record.power_requested[0]
 
 

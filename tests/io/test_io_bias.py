@@ -193,7 +193,7 @@ def test_bias_is_refused_where_it_makes_no_sense() -> None:
     assert harness.ask("bias_encoders", 0).outcome == "refused"
     assert harness.ask("bias_encoders", np.nan).outcome == "refused"
     assert "axis 7; allowed: 0 to 6" in harness.ask("bias_encoders", 10, 7).answers[0][1]
-    assert "none that are not left out" in harness.ask("bias_encoders", 10, *range(7)).answers[0][1]
+    assert "all of them are left out" in harness.ask("bias_encoders", 10, *range(7)).answers[0][1]
     harness.control()
     assert "joint controller" in harness.ask("bias_encoders", 100).answers[0][1]
     harness.ask("pid_enable", 0)

@@ -51,7 +51,7 @@ def test_all_axes_change_together(harness: IoHarness) -> None:
     assert harness.ask("set_gains", -1, 0.25, robot="PSM1 d_gain").outcome == "done"
     assert harness.core.gains.record["d_gain"].tolist() == [0.25] * 7
     assert [row[:2] for row in reported(harness)] == [("PSM1", axis) for axis in range(7)]
-    assert "by somebody" in reported(harness)[0][2]
+    assert "by another program" in reported(harness)[0][2]
 
 
 def test_the_record_shows_files_first_and_every_change(harness: IoHarness) -> None:

@@ -47,12 +47,12 @@ def test_they_let_go_while_a_button_is_pressed(harness: IoHarness, bit: int) -> 
     harness.power()
     assert press(harness, bit, True) == [LET_GO] * 3
     assert press(harness, bit, False) == [HOLD] * 3
-    assert reported(harness) == ["brakes of the setup joints let go", "brakes of the setup joints hold"]
+    assert reported(harness) == ["brakes of the setup joints released", "brakes of the setup joints engaged"]
 
 
 def test_without_power_they_hold_and_say_why(harness: IoHarness) -> None:
     assert press(harness, 0, True) == []
-    assert reported(harness) == ["the arm needs power before the brakes of its setup joints let go"]
+    assert reported(harness) == ["the arm needs power before the brakes of its setup joints are released"]
     press(harness, 0, False)
 
 

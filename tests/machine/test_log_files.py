@@ -25,7 +25,7 @@ sys.stdin.read()
 """
 
 
-BEGIN = re.compile(rb"\d{4}-\S+ \S+ \d+\.\d+ INFO (what was before is in \S+|[^\n]*)\n")
+BEGIN = re.compile(rb"\d{4}-\S+ \S+ \d+\.\d+ INFO (earlier entries are in \S+|[^\n]*)\n")
 
 
 def there(folder: Path) -> dict[str, bytes]:
@@ -47,7 +47,7 @@ def test_a_large_file_begins_anew_under_its_writer(tmp_path: Path) -> None:
     assert there(tmp_path) == {"IO1.log": b"few", "PSM1.log": b"4: little", "PSM1.1.log": b"3: something\n",
                                "PSM1.2.log": b"2: something\n"}
     line = parsed((tmp_path / "PSM1.log").read_text().splitlines()[0])
-    assert line.text == "what was before is in PSM1.1.log" and line.monotonic_s > 0.0
+    assert line.text == "earlier entries are in PSM1.1.log" and line.monotonic_s > 0.0
     assert [name for name in there(tmp_path) if is_old(Path(name))] == ["PSM1.1.log", "PSM1.2.log"]
 
 

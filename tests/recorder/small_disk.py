@@ -94,7 +94,7 @@ def main(system: str, folder: Path) -> dict[str, Any]:
         recorder.until(lambda shown: shown["messages"] > 0 or recorder.said("No space left"))
         not_kept = recorder.fault(), recorder.said("PSM1 is in FAULT: could not be kept: No space left on device")
         filler.unlink()
-        again = recorder.until(lambda shown: not shown["problem"] and recorder.said("what comes is recorded again"))
+        again = recorder.until(lambda shown: not shown["problem"] and recorder.said("recording has resumed"))
         later = recorder.until(lambda shown: shown["box_messages"] > again["box_messages"] + 100)
         told = recorder.said("messages were not recorded into")
         kept = recorder.fault()

@@ -53,7 +53,8 @@ def test_what_made_room_for_a_fault_is_said_to_be_missing(rings: RingsOfATest, h
     fault.finish(rings.folder, rings.disk, [rings.folder / "box-that-is-gone.mcap"], 3)
     rings.written()
     assert fault.file.is_ended and fault.file.is_complete != has_made_room
-    assert fault.file.problem == ("the oldest of the black box made room for it" if has_made_room else "")
+    made_room = "the oldest file of the black box was deleted to make room for it"
+    assert fault.file.problem == (made_room if has_made_room else "")
     with open_recording(fault.file.path) as recording:
         assert recording.is_whole and len(recording.records("PSM1/state").rows) > 100
 

@@ -207,7 +207,7 @@ def test_more_wishes_than_can_wait_are_refused(keeping_of: Kept, monkeypatch: py
     keeping_of.goes_on(0.6)
     keeping_of.saw("PSM2")
     keeping_of.saw("PSM3")
-    with pytest.raises(ValueError, match="2 wait to be kept already"):
+    with pytest.raises(ValueError, match="2 are already waiting to be saved"):
         keeping_of.saw(ASKED, Wish())
 
 

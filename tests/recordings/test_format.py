@@ -254,7 +254,7 @@ def test_of_more_than_memory_holds_the_first_are_read_and_that_is_told(tmp_path:
     monkeypatch.setattr(reading, "MAX_ROWS", 25 * rows.dtype.itemsize)
     with open_recording(path) as recording:
         assert recording.records("PSM1/state").rows["sequence"].tolist() == list(range(1, 21))
-        assert any("read are the first ones" in problem for problem in recording.problems)
+        assert any("only the first ones are read" in problem for problem in recording.problems)
         assert sum(len(piece.rows) for _, piece in recording.pieces(["PSM1/state"])) == 50
 
 
@@ -268,7 +268,7 @@ def test_made_up_events_are_left_out_and_told(tmp_path: Path, ring: str, form: s
         written(stream, {("PSM1", ring): (odd, rows_of(odd, 5))})
     with open_recording(path) as recording:
         assert recording.events() == recording.commands() == []
-        assert any(f"PSM1/{ring}: left out, its layout is another" in problem for problem in recording.problems)
+        assert any(f"PSM1/{ring}: left out: its layout differs" in problem for problem in recording.problems)
 
 
 def test_another_epoch_is_another_channel_of_the_same_topic(tmp_path: Path):

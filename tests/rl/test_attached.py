@@ -122,8 +122,8 @@ def test_an_arm_that_a_hand_takes_is_let_go(hand: HandAtArm) -> None:
     for _ in range(6):
         if (seen := env.step(np.zeros(7)))[2]:
             break
-    assert "PSM1 is MANUAL, which we did not ask for" in seen[4]["fault"], seen[4]
-    with pytest.raises(RobotStopped, match="PSM1 is MANUAL, which we did not ask for; begin when it stands"):
+    assert "PSM1 is MANUAL, which we did not request" in seen[4]["fault"], seen[4]
+    with pytest.raises(RobotStopped, match="PSM1 is MANUAL, which we did not request; begin when it stands"):
         made(HostTime.host).reset()
     env.close()
 
@@ -141,7 +141,7 @@ def test_an_arm_that_a_hand_has_moved_unseen_does_not_leap_back(hand: HandAtArm,
     away = hand.setpoint()
     assert 0.02 < abs(away - before) < 0.15, "so far a stream may begin from"
     monkeypatch.setattr(attached, "GAP_NS", 1_000_000_000)
-    is_over(env, "PSM1 was moved by somebody else: ")
+    is_over(env, "PSM1 was moved by another program: ")
     HostTime.host.run(0.05)
     assert abs(hand.setpoint() - away) < 0.001
     env.close()
@@ -180,7 +180,7 @@ def test_an_arm_that_moves_for_somebody_else_is_not_taken(psm: Host) -> None:
     goal = (0.6, 0.5, 0.2, 0.0, 0.0, 0.0)
     person.send("move_jp", goal)
     psm.run(0.05)
-    with pytest.raises(RobotStopped, match="PSM1 is moving, which we did not ask for; begin when it stands"):
+    with pytest.raises(RobotStopped, match="PSM1 is moving, which we did not request; begin when it stands"):
         env.reset()
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.ones(7))
@@ -202,7 +202,7 @@ def test_who_else_commands_the_arm_has_it(psm: Host, command: str, values: tuple
     assert not env.step(np.zeros(7))[2]
     person.send(command, values)
     psm.run(0.01)
-    is_over(env, f"PSM1 was asked for {command} by")
+    is_over(env, f"PSM1 received {command} from")
     psm.run(3.0)
     state = psm.reader("PSM1")
     assert state.newest()
@@ -219,14 +219,14 @@ def test_a_person_s_stop_counts_between_episodes_too(psm: Host) -> None:
     env.reset()  # a move that has ended does not
     assert ask(psm, person, "move_jp", (0.2, -0.1, 0.11, 0.0, 0.0, 0.0)) == "done"
     assert ask(psm, person, "hold") == "done"
-    with pytest.raises(RobotStopped, match=r"PSM1 was asked for hold by .* make a new environment"):
+    with pytest.raises(RobotStopped, match=r"PSM1 received hold from .* make a new environment"):
         env.reset()
     env.close()
     again = made(psm)
     again.reset()
     for word in ("pause", "resume"):
         assert ask(psm, person, "state_command", (), word) == "done"
-    with pytest.raises(RobotStopped, match=r"PSM1 was asked for state_command pause by"):
+    with pytest.raises(RobotStopped, match=r"PSM1 received state_command pause from"):
         again.reset()
     again.close()
 
@@ -238,7 +238,7 @@ def test_a_stop_that_nobody_can_read_any_more_counts_too(psm: Host) -> None:
     for _ in range(300):
         person.send("trajectory_j/set_ratio", (1.0,))
         psm.run(0.004)
-    with pytest.raises(RobotStopped, match=r"PSM1 was asked for more than is kept: \d+ commands are not known"):
+    with pytest.raises(RobotStopped, match=r"PSM1 received more commands than are kept: \d+ of them are lost"):
         env.reset()
     env.close()
 
@@ -247,7 +247,7 @@ def test_of_two_environments_at_an_arm_neither_fights_the_other(psm: Host) -> No
     first, second = made(psm), made(psm)
     first.reset(seed=1)
     second.reset(seed=2)
-    is_over(first, "PSM1 was asked for")
+    is_over(first, "PSM1 received")
     assert not second.step(np.zeros(7))[2]
     first.close()
     second.close()

@@ -71,7 +71,7 @@ def test_who_makes_the_slow_move_faster_ends_it(system: Callable[..., Host], mon
     host.run(10.0)
     monkeypatch.setattr(HostTime, "waits", 30)
     monkeypatch.setattr(HostTime, "comes", lambda: person.send("trajectory_j/set_ratio", (0.9,)), raising=False)
-    with pytest.raises(RobotStopped, match=r"somebody else set the trajectory ratio of PSM1 to 0.9 in our move"):
+    with pytest.raises(RobotStopped, match=r"another program set the trajectory ratio of PSM1 to 0.9 during our move"):
         env.reset()
     host.run(0.5)
     assert 0.01 < quickest(state) < 0.2 and not state.field("is_busy")[()]

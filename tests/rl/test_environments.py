@@ -210,7 +210,7 @@ def test_wrong_actions_and_options_are_refused(reach: PsmReach) -> None:
         reach.reset(options={"start": 99})
     with pytest.raises(ValueError, match="options have strat; allowed: start, goal"):
         reach.reset(options={"strat": 1})
-    with pytest.raises(ValueError, match="the goal of PsmTrack moves in its own way, none can be given"):
+    with pytest.raises(ValueError, match="the goal of PsmTrack is chosen by the environment; none can be given"):
         PsmTrack().reset(options={"goal": (0.0, 0.0, -0.1)})
     with pytest.raises(ValueError, match="a goal is 3 numbers"):
         reach.reset(options={"goal": (0.0, np.inf, 0.0)})
@@ -270,7 +270,7 @@ class CartReach(PsmReach):
 @pytest.mark.slow
 def test_an_arm_whose_base_nobody_knows_is_not_begun_with() -> None:
     env = CartReach(starts=1)
-    with pytest.raises(RobotStopped, match="PSM1 is ENABLED: where its base is is not known"):
+    with pytest.raises(RobotStopped, match="PSM1 is ENABLED: its base frame is not known"):
         env.reset()
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(7))

@@ -194,7 +194,7 @@ def test_killed_or_stopped_it_changes_nothing_for_the_robot(robot: Robot) -> Non
 
 def test_an_address_that_is_taken_or_open_to_others_is_refused_in_words(robot: Robot) -> None:
     open_to_all = robot.trocar("check", str(KINEMATIC), "--set", "foxglove.listen=0.0.0.0:8765", code=1)
-    assert "tls" in open_to_all and "the network could read along" in open_to_all
+    assert "tls" in open_to_all and "other machines could read the data" in open_to_all
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = f"127.0.0.1:{taken.getsockname()[1]}"
         robot.up(KINEMATIC, "--set", f"foxglove.listen={address}")

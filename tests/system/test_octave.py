@@ -76,7 +76,7 @@ def test_a_client_without_the_token_is_refused(robot: Robot, tmp_path: Path) -> 
         try, psm.enable(); catch reason, disp(reason.message), end
     """)
     assert out.split("\n")[:2] == ["trocar:refused", "DISABLED"]
-    assert "may only look" in out
+    assert "is read-only" in out
     assert robot.down() == 0
 
 

@@ -109,7 +109,7 @@ def test_a_gain_is_edited_applied_and_saved_and_a_step_is_seen(console: tuple[Ro
     page.click("#step")
     page.until(f"{shown('IO1/robot0.setpoint_position.0')} > {before + 0.017}")
     page.until(f"Math.abs({shown('IO1/robot0.setpoint_position.0')} - {before}) < 1e-4")
-    page.until("document.getElementById('pause').textContent === 'Go on'")
+    page.until("document.getElementById('pause').textContent === 'Resume'")
     page.take_control()
     page.click("#switch-pid", yes=False)
     assert page.value("IO1/robot0.pid_enabled")

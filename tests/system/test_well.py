@@ -98,7 +98,7 @@ def test_a_recorder_that_keeps_nothing_is_not_well_until_it_does(robot: Robot) -
     recorder = robot.pid("recorder")
     _, most = resource.prlimit(recorder, resource.RLIMIT_FSIZE)
     resource.prlimit(recorder, resource.RLIMIT_FSIZE, (SMALL, most))  # to it, the disk is full
-    ends_with(robot, "first: recorder: what happens now is not recorded", "File too large")
+    ends_with(robot, "first: recorder: nothing is recorded", "File too large")
     os.kill(robot.pid("io"), signal.SIGKILL)
     wait_for(lambda: "could not be kept" in robot.trocar("logs", "recorder", code=None)
              or "not all of it" in robot.trocar("logs", "recorder", code=None), 60, "the fault is reported")

@@ -60,7 +60,7 @@ def test_a_command_waits_while_its_component_starts(kinematic: ScriptedRobot) ->
 
         def start() -> None:
             time.sleep(PATIENCE_S)
-            kinematic.mailbox.refuse_waiting("PSM1 has just started; ask again")
+            kinematic.mailbox.refuse_waiting("PSM1 has just started; try again")
             page.show("RUNNING")
             while not (asked := list(kinematic.mailbox.drain())):
                 time.sleep(0.001)

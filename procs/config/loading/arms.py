@@ -96,9 +96,9 @@ def check_pid(opened: Opened[PidFile], robot: RobotKeys | None) -> None:
     for number, axis in enumerate(axes):
         key: Key = ("pid", number)
         if axis.index != number:
-            opened.error((*key, "index"), "must be its place in the list", str(number))
+            opened.error((*key, "index"), "must be its position in the list", str(number))
         if axis.name in names:
-            opened.error((*key, "name"), "used twice", "a name of its own for every entry")
+            opened.error((*key, "name"), "used twice", "a unique name for every entry")
         names.add(axis.name)
         if not opened.source.has((*key, "pid_max_output")):
             opened.warning((*key, "pid_max_output"), "absent: 0 is used, which means no effort", "-1: no limit")
@@ -155,8 +155,8 @@ class _ArmLoader:
                 self.system.note(f"not started: {keys.name} ({keys.type}); the key ISI_focus_controller starts one")
             return None
         if self.is_kinematic:
-            unused = f"; nothing of it on {keys.IO} is used" if keys.IO else ""
-            self.system.note(f"{keys.name} is KINEMATIC: its joints go where they are commanded{unused}")
+            unused = f"; its part of {keys.IO} is not used" if keys.IO else ""
+            self.system.note(f"{keys.name} is KINEMATIC: positions follow the setpoints exactly{unused}")
         return self._load_files(ARM_TYPES[self.family], base_frame)
 
     def _check_required(self) -> None:

@@ -63,7 +63,7 @@ def load_gui(system: SystemFiles) -> WebConsole | None:
     system.note(f"gui: the robot in a browser: {', '.join(made.links())}")
     if outside:
         token = "the token that is made at each start" if makes_token else "the token"
-        system.note(f"gui: who has {token} may take control at {', '.join(outside)}")
+        system.note(f"gui: clients with {token} may take control at {', '.join(outside)}")
     return made
 
 
@@ -76,8 +76,8 @@ def load_foxglove(system: SystemFiles) -> FoxgloveServer | None:
         return None
     if not is_loopback(keys.listen):
         if keys.tls is None:
-            system.error(("trocar", "foxglove", "listen"), f"the network could read along at {keys.listen}",
-                          "tls with certificate and key; or an address of this machine alone, 127.0.0.1:8765")
+            system.error(("trocar", "foxglove", "listen"), f"other machines could read the data at {keys.listen}",
+                          "tls with certificate and key; or an address that only this machine reaches, 127.0.0.1:8765")
         system.note(f"foxglove: every program that reaches {keys.listen} may view the robot")
     certificate, key, _ = _tls(system, "foxglove", keys.tls)
     return by_name(FoxgloveServer, keys, certificate=certificate, key=key)
@@ -92,8 +92,8 @@ def _outside(system: SystemFiles, keys: SocketKeys) -> list[str]:
     """Addresses that are not loopback; an error if clients need not authenticate there."""
     outside = [address for address in keys.listen if not is_loopback(address)]
     if outside and not _knows_who(keys):
-        system.error(("trocar", "socket", "listen"), f"anybody could come to {', '.join(outside)}",
-                      "a token_file, or tls with clients; or an address of this machine alone, "
+        system.error(("trocar", "socket", "listen"), f"anyone could connect to {', '.join(outside)}",
+                      "a token_file, or tls with clients; or an address that only this machine reaches, "
                       f"{type(keys)().listen[0]}")
     return outside
 

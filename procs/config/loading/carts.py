@@ -109,7 +109,7 @@ def _check_base_frames(system: SystemFiles, found: Sequence[cart.Cart]) -> None:
         place = (frame.component, frame.interface)
         if place in taken:
             text = f"{frame.component}/{frame.interface} carries {taken[place]} already"
-            system.error((*where, "interface"), text, "a setup arm of its own for every arm")
+            system.error((*where, "interface"), text, "a different setup arm for every arm")
         taken.setdefault(place, keys.name)
 
 
@@ -154,8 +154,8 @@ class _CartLoader:
             opened.error(("reference_arm",), f"no setup arm {reference}", f"one of {', '.join(names)}")
         for place, name in enumerate(names):
             if name in names[:place]:
-                text = f"{name} is that of arms[{names.index(name)}], too"
-                opened.error(("arms", place, "name"), text, "one of its own for every arm")
+                text = f"{name} is also the name of arms[{names.index(name)}]"
+                opened.error(("arms", place, "name"), text, "a different one for every arm")
         stated = self.keys.period if "period" in self.keys.model_fields_set else PERIOD_S
         return cart.Cart(self.keys.name, kind, self.keys.simulation, self.system.own(self.keys.name).period_s or stated,
                          made, reference, source=str(opened.source.path))
@@ -348,6 +348,6 @@ def _check_plugs(opened: Opened[SetupFile]) -> None:
     taken: dict[int, str] = {}
     for index, arm in enumerate(opened.content.arms):
         if arm.plug_number in taken:
-            text = f"{arm.plug_number} is that of {taken[arm.plug_number]}, too"
-            opened.error(("arms", index, "plug_number"), text, "one of its own for every arm")
+            text = f"{arm.plug_number} is also the plug of {taken[arm.plug_number]}"
+            opened.error(("arms", index, "plug_number"), text, "a different one for every arm")
         taken[arm.plug_number] = f"arms[{index}]"

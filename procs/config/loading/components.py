@@ -12,19 +12,19 @@ _THIRD_PARTY: Final = "docs/third-party-masters.md"
 # Parts of the name of a component's class or library, in lower case, and our substitute.
 _INSTEAD: Final = (
     (("forcedimension", "sensable", "phantom", "novint", "falcon", "haply", "psmove"),
-     f"a program of yours in the place of an arm of type MTM_GENERIC ({_THIRD_PARTY})"),
-    (("from_ros",), f"a program of yours in the place of an arm of a _GENERIC type ({_THIRD_PARTY})"),
+     f"your own program in place of an arm of type MTM_GENERIC ({_THIRD_PARTY})"),
+    (("from_ros",), f"your own program in place of an arm of a _GENERIC type ({_THIRD_PARTY})"),
     (("keyboard", "joystick", "3dconnexion", "footpedal", "gamepad"),
      "emulate_clutch, emulate_camera and emulate_operator_present of a console, or a program with buttons "
      f"({_THIRD_PARTY})"),
     (("ros",), "the ROS bridge, `trocar: {ros: {}}` (docs/ros.md)"),
     (("collector",), "`trocar echo TOPIC --json`"),
     (("igtl", "socket", "udp"), "shared memory, readable from every language (docs/shared-memory.md)"),
-    (("teleop",), "TELEOP_PSM and TELEOP_ECM; one of your own is a script (docs/python.md)"),
-    (("researchkitpsm", "researchkitmtm", "researchkitecm", "controllerspid"), "our own arms and joint controllers; "
-     "code of yours between reading and writing attaches to io (docs/in-cycle.md)"),
+    (("teleop",), "TELEOP_PSM and TELEOP_ECM; for your own, write a script (docs/python.md)"),
+    (("researchkitpsm", "researchkitmtm", "researchkitecm", "controllerspid"), "Trocar's arms and joint controllers; "
+     "your own code between reading and writing attaches to io (docs/in-cycle.md)"),
 )
-_OTHERS: Final = f"a process of your own: a script (docs/python.md), or a program in an arm's place ({_THIRD_PARTY})"
+_OTHERS: Final = f"your own process: a script (docs/python.md), or a program in an arm's place ({_THIRD_PARTY})"
 
 
 def warn_of_components(system: Opened[SystemFile]) -> None:

@@ -263,7 +263,7 @@ class _ConsoleLoader:
             self.system.error(key, text)
         elif name in others:
             text = f"teleop {name} has the name of something else in this file"
-            self.system.error(key, text, "a name of its own for every IO, arm, console and teleop")
+            self.system.error(key, text, "a unique name for every IO, arm, console and teleop")
         elif len(name) > MAX_NAME:
             text = f"teleop {name} has a name of {len(name)} letters"
             self.system.error(key, text, f"arms whose names are at most {MAX_NAME} letters together")
@@ -286,8 +286,8 @@ class _ConsoleLoader:
         if keys.type.endswith("_GENERIC"):
             self.system.note(
                 f"not started: teleop {name} ({keys.type}): {keys.component or 'its component'} is for the original "
-                "software; a teleoperation of your own is a program that reads arms and asks them (docs/python.md), "
-                "or one of ours with an arm of your own (docs/third-party-masters.md)")
+                "software; for your own teleoperation, write a program that reads and commands arms (docs/python.md), "
+                "or use Trocar's with your own arm (docs/third-party-masters.md)")
             return False
         if keys.type.endswith("_DERIVED"):
             self.system.note(f"teleop {name} ({keys.type}) is started as {keys.type.removesuffix('_DERIVED')}:"
@@ -310,7 +310,7 @@ def load_third_parties(system: SystemFiles) -> tuple[ThirdParty, ...]:
              for index, row in enumerate(content.arms) if row.type.endswith(GENERIC)}
     for index, row in enumerate(content.arms):
         if row.name in found and row.base_frame is not None and row.base_frame.transform is None:
-            system.warning(("arms", index, "base_frame"), "the program that is this arm has to take it into account "
+            system.warning(("arms", index, "base_frame"), "the program that provides this arm has to apply it "
                            "itself", "reference_frame and transform")
     for index, console in enumerate(content.consoles):
         for button in BUTTONS if console.input_type == COMPONENTS else ():
@@ -369,7 +369,7 @@ def _load_focus(system: SystemFiles, operators: Collection[str]) -> tuple[Focus,
     pedals = [_pedal(system.buses, pedal) for pedal in FOCUS_PEDALS]
     found = tuple(pedal for pedal in pedals if pedal is not None)
     if len(found) < len(FOCUS_PEDALS):  # a single pedal could not move the lens back
-        system.note(f"{name}: no pedals {' and '.join(FOCUS_PEDALS)}, commands alone move the lens")
+        system.note(f"{name}: no pedals {' and '.join(FOCUS_PEDALS)}, only commands move the lens")
         found = ()
     return (Focus(name, PERIOD_S, keys.IO, FOCUS_OUTPUTS, found),)
 

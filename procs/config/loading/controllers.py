@@ -180,7 +180,7 @@ def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
             place.system.error(key, f"{who} is a dRA1: it has no QLA", "nothing")
         return usual
     if qla == "1.5" and firmware == 7:
-        place.system.error(key, f"firmware 7 knows nothing of QLA {qla} ({who})", f"{usual}, or firmware 8 or 9")
+        place.system.error(key, f"firmware 7 does not support QLA {qla} ({who})", f"{usual}, or firmware 8 or 9")
     return qla or usual
 
 

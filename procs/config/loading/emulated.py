@@ -140,7 +140,7 @@ def _check_raw_port(place: BusPlace, bus: document.BusConfig, files: BusFiles) -
         text = f"the emulated boards of {place.name} are on raw Ethernet ({bus.address})"
         place.system.error(key, text, "eth:INTERFACE, the other end of their cable")
     elif bus.network == "bridge" and not files.keys.port.startswith("ethfw") and _could_do_without_firewire(bus):
-        place.system.error(key, f"the boards of {place.name} would be asked without FireWire", "ethfw:INTERFACE")
+        place.system.error(key, f"the boards of {place.name} would be read without FireWire", "ethfw:INTERFACE")
 
 
 def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> None:
@@ -153,12 +153,12 @@ def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> 
         key: Key = (*place.key, "address")
         if bus.address == EVERYWHERE:
             if len(rows) > 1:
-                place.system.error(key, f"{EVERYWHERE} leaves no address to the other buses", "127.x.y.z")
+                place.system.error(key, f"{EVERYWHERE} leaves no address for the other buses", "127.x.y.z")
             continue
         if bus.address.startswith(RAW):
             if bus.address in interfaces:
                 text = f"{bus.address} belongs to {interfaces[bus.address]}"
-                place.system.error(key, text, "an interface for every bus")
+                place.system.error(key, text, "a different interface for every bus")
             interfaces[bus.address] = bus.io
             continue
         base = IPv4Address(bus.address)
@@ -170,7 +170,7 @@ def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> 
         count = BOARDS if bus.network == "ethernet" else shift + 1  # broadcasts are recognized by their sender there
         for own in (base + number for number in range(count)):
             if own in taken:
-                place.system.error(key, f"{own} belongs to {taken[own]}", "addresses of its own for every bus")
+                place.system.error(key, f"{own} belongs to {taken[own]}", "different addresses for every bus")
                 break
             taken[own] = bus.io
 
@@ -234,7 +234,7 @@ def setup_joints_of(
                 found.append(made)
                 continue
             need = f"{PLUGS} actuators and the outputs {', '.join(OUTPUTS)}, all on one QLA1 or DQLA"
-            system.warning(where, f"emulated without setup joints: {keys.IO} has not all it takes", need)
+            system.warning(where, f"emulated without setup joints: {keys.IO} lacks what they need", need)
     return tuple(found)
 
 

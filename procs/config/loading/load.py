@@ -198,7 +198,7 @@ def _check_names(system: SystemFiles) -> None:
     content = system.content
     seen: dict[str, str] = dict.fromkeys(sorted(RESERVED), "a process of Trocar")
     if any(row.simulation == KINEMATIC for row in content.arms):
-        seen[KINEMATIC_IO] = "the process that plays KINEMATIC arms"
+        seen[KINEMATIC_IO] = "the process that simulates KINEMATIC arms"
     names: list[tuple[str, list[str]]] = [
         ("IOs", [row.name for row in content.IOs]),
         ("arms", [row.name for row in content.arms]),
@@ -207,7 +207,7 @@ def _check_names(system: SystemFiles) -> None:
     for kind, name, index in ((kind, name, index) for kind, row in names for index, name in enumerate(row)):
         if name in seen:
             text = f"this name is taken by {seen[name]}"
-            system.error((kind, index, "name"), text, "a name of its own for every IO, arm and console")
+            system.error((kind, index, "name"), text, "a unique name for every IO, arm and console")
         seen[name] = f"{kind}[{index}]"
     robots: dict[tuple[str, str], str] = {}
     for index, arm in enumerate(content.arms):
@@ -216,7 +216,7 @@ def _check_names(system: SystemFiles) -> None:
             continue
         if arm.IO and robot in robots:
             key = ("arms", index, "name_on_IO" if arm.name_on_IO else "name")
-            system.error(key, f"{robots[robot]} uses this robot already", "a robot of its own for every arm")
+            system.error(key, f"{robots[robot]} uses this robot already", "a different robot for every arm")
         robots.setdefault(robot, arm.name)
 
 
@@ -228,7 +228,7 @@ def _with_boards(
     real = [loaded for loaded in arms if not loaded.is_kinematic]
     for bus in system.buses.values():
         if not bus.has_boards:
-            system.note(f"not started: {bus.keys.name} (no file says what is on it)")
+            system.note(f"not started: {bus.keys.name} (no file describes it)")
     used = [bus for bus in system.buses.values() if bus.has_boards]
     emulation = build_emulation(system, real, address) if system.emulated else None
     ports = ports_of(emulation.buses) if emulation else {}

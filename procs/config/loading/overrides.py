@@ -82,7 +82,7 @@ def with_named_processes(system: Opened[None]) -> SourceFile:
         if not isinstance(row, dict) or not isinstance(name, str):
             system.error((*PROCESSES, index), "a row without a name", "rows with name, module and so on")
         elif name in named:
-            system.error((*PROCESSES, index, "name"), "this name occurs twice", "a name of its own")
+            system.error((*PROCESSES, index, "name"), "this name occurs twice", "a unique name")
         else:
             named[name], names[index] = {key: value for key, value in row.items() if key != "name"}, name
     data = {**source.data, SECTION: {**section, "processes": named}}

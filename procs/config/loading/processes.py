@@ -73,7 +73,7 @@ def build_processes(system: SystemFiles, made: document.SystemConfig,
     users = {name for row in made.users for name in (row.name, row.host) if name}
     hosts = {row.name: row.host for row in made.users}
     for name in users & {row.name for kind, row in found if not kind.declared}:
-        system.error((*PROCESSES, name), "this name is taken by a process of Trocar", "a name of its own")
+        system.error((*PROCESSES, name), "this name is taken by a process of Trocar", "a unique name")
     for name in system.options.processes:
         if name not in known:
             allowed = f"one of {', '.join(known)}"
@@ -99,14 +99,14 @@ def _check_demand(system: SystemFiles, rows: tuple[document.Process, ...]) -> No
     for row in rows:
         key = (*PROCESSES, row.name)
         if proc(row.kind).realtime and row.start == ON_DEMAND:
-            system.error((*key, "start"), "it drives a robot, and is always there", "always")
+            system.error((*key, "start"), "it drives a robot, and always runs", "always")
         if row.listen and (proc(row.kind).realtime or row.start == ELSEWHERE):
-            system.error((*key, "listen"), "it takes no connections", "no address")
+            system.error((*key, "listen"), "it accepts no connections", "no address")
         if row.start == ELSEWHERE and system.own(row.name).start:
             system.error((*key, "start"), "it is started outside this system", "a module, if the system is to start it")
         for address in row.listen:
             if address in taken:
-                system.error((*key, "listen"), f"{taken[address]} listens at {address}", "one of its own")
+                system.error((*key, "listen"), f"{taken[address]} listens at {address}", "an unused one")
             taken[address] = row.name
 
 

@@ -58,7 +58,7 @@ def _module_of(system: Opened[object], key: Key, name: str) -> str:
             _check_syntax(system, key, path)
             return str(path)
     if name.endswith(".py"):
-        system.error(key, "no such file", f"a file; relative paths are meant from {folder}")
+        system.error(key, "no such file", f"a file; relative paths start at {folder}")
     elif not all(part.isidentifier() for part in name.split(".")):
         system.error(key, "not the name of a module", "a path that ends in .py, or a name like my_lab.damping")
     elif importlib.util.find_spec(name.split(".")[0]) is None:  # only the first part: this imports nothing
@@ -146,7 +146,7 @@ def load_user_processes(system: SystemFiles, derived: Collection[str],
                 _check_place(system, key, row)
             found.append(_process(system, key, name, row, period_s))
         elif row.host or row.topics or row.properties or (row.commands and name not in derived):
-            system.error(key, "what a process of ours has is not declared here", "a module, if it is yours")
+            system.error(key, "it belongs to a process of Trocar, and is not declared here", "a module, if it is yours")
     return tuple(found)
 
 
@@ -154,7 +154,7 @@ def _check_place(system: SystemFiles, key: Key, row: ProcessKeys) -> None:
     """Check a third-party arm or pedals: the topic `state` is taken, and it must not share a process."""
     _check_once(system, (*key, "topics"), [topic.name for topic in row.topics], {"state"})
     if row.host:
-        system.error((*key, "host"), "it is an arm, or has pedals", "no host: a process of its own")
+        system.error((*key, "host"), "it is an arm, or has pedals", "no host, which gives it a separate process")
 
 
 def _check_host(system: SystemFiles, key: Key, row: ProcessKeys, name: str) -> float:
@@ -162,7 +162,7 @@ def _check_host(system: SystemFiles, key: Key, row: ProcessKeys, name: str) -> f
     host = system.own(name)
     if name in RESERVED or host.module is not None or host.host is not None:
         system.error((*key, "host"), "something else has this name",
-                     "a name of its own for the process of those that say the same host")
+                     "a unique name for the process of the rows with the same host")
     for given in (given for given in _OF_A_PROCESS if getattr(row, given)):
         system.error((*key, given), f"{name} calls its update", f"this key at {name}, or no host")
     if host.start == ON_DEMAND:
@@ -172,7 +172,7 @@ def _check_host(system: SystemFiles, key: Key, row: ProcessKeys, name: str) -> f
 
 def _process(system: SystemFiles, key: Key, name: str, row: ProcessKeys, period_s: float) -> UserProcess:
     if name in RESERVED:
-        system.error(key, "this name is taken by a process of Trocar", "a name of its own")
+        system.error(key, "this name is taken by a process of Trocar", "a unique name")
     if not is_name(name):
         system.error(key, f"{name!r} is no name of a process", "letters, digits, _ and -, at most 40")
     if row.priority and not row.host:

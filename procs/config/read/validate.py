@@ -277,7 +277,7 @@ def _unknown(source: SourceFile, key: Key, known: Mapping[str, FieldInfo], sever
     slip = bool(difflib.get_close_matches(name.lower(), nearest, n=1, cutoff=_SLIP))
     unnoticed = slip and not known[meant].is_required() and not source.has((*key[:-1], meant))
     if severity != ERROR and unnoticed and _calibrates(meant, known[meant]):
-        text = f'unknown key; did you mean "{meant}"? That would be missing, and it is no value to do without unnoticed'
+        text = f'unknown key; did you mean "{meant}"? Its default would be used unnoticed'
         return source.problem(key, text, allowed=", ".join(known))
     text = "unknown key, ignored" if severity != ERROR else "unknown key"
     if meant:

@@ -55,8 +55,8 @@ def _head(arm: ArmConfig, state: str) -> None:
             live(f"{state}.desired_state")
         reason(arm.name, state)
         with box("row buttons"):
-            for word, question in (("enable", "Amplifiers go on."), ("home", "It moves."),
-                                   ("resume", "It goes on with what it was paused in, and may move."), ("unhome", "")):
+            for word, question in (("enable", "Amplifiers switch on."), ("home", "It moves."),
+                                   ("resume", "It resumes what it was doing, and may move."), ("unhome", "")):
                 button(word.capitalize(), [[(arm.name, "state_command", [], word)]],
                        confirm=f"{word.capitalize()} {arm.name}? {question}" if question else "")
             box("spacer")
@@ -78,7 +78,7 @@ def _joints(state: str, slides: list[bool]) -> None:
                 for i, slide in enumerate(slides):
                     _joint(state, i, "p" if slide else "r")
         with box("row"):
-            Part("button", "", "Read", type="button", data_does="read", title="Take the measured positions as goal")
+            Part("button", "", "Read", type="button", data_does="read", title="Use the measured positions as goal")
             Part("button", "primary commands", "Move", type="button", data_does="move")
             Part("span", "reason", id="preview-says")
             box("spacer")
@@ -127,7 +127,7 @@ def _jaw(state: str) -> None:
         Part("input", type="text", inputmode="decimal", id="jaw-goal", value="0", size="6", aria_label="Jaw goal",
              data_typed="r")
         Part("span", "quiet", data_unit="r")
-        Part("button", "", "Read", type="button", data_does="read-jaw", title="Take the measured angle as goal")
+        Part("button", "", "Read", type="button", data_does="read-jaw", title="Use the measured angle as goal")
         Part("button", "commands", "Move jaw", type="button", data_does="jaw")
 
 
@@ -147,7 +147,7 @@ def _tip(arm: ArmConfig, state: str) -> None:
             axes()
             _inputs("Goal of the tip", "tip", "go to")
         with box("row"):
-            Part("button", "", "Read", type="button", data_does="read-tip", title="Take the measured pose as goal")
+            Part("button", "", "Read", type="button", data_does="read-tip", title="Use the measured pose as goal")
             Part("button", "primary commands", "Move tip", type="button", data_does="move-tip")
             Part("span", "reason", id="tip-says")
         with box("part numbers"):
@@ -203,7 +203,7 @@ def _base(arm: ArmConfig, state: str) -> None:
             live(f"{state}.reference_frame", classes="quiet")
         with box("numbers", data_valid=f"{state}.reference_valid"):
             axes()
-            numbers("place, mm", f"{state}.base_frame", "mm:2")
+            numbers("position, mm", f"{state}.base_frame", "mm:2")
             turned(f"{state}.base_frame")
         if arm.base_from:
             Part("p", "quiet", f"{arm.base_from} gives it.")
@@ -216,10 +216,10 @@ def _base(arm: ArmConfig, state: str) -> None:
                 Part("label", "quiet", "in frame", for_="base-in")
                 Part("input", type="text", id="base-in", size="10", maxlength="31", autocomplete="off",
                      placeholder="as it is", pattern=r"[!-~]*")
-                Part("button", "", "Read", type="button", data_does="read-base", title="Take what is used now")
+                Part("button", "", "Read", type="button", data_does="read-base", title="Use the present one")
                 Part("button", "commands", "Set", type="button", data_does="set-base")
                 button("Not known", [[(arm.name, "set_base_frame", [], "")]], "quiet",
-                       confirm=f"Forget where the base of {arm.name} stands? Only poses in its base are left.")
+                       confirm=f"Forget the base frame of {arm.name}? Only poses in its base stay valid.")
 
 
 def _carried(arm: ArmConfig, state: str) -> None:
@@ -239,4 +239,4 @@ def _chosen(title: str, name: str, choices: tuple[str, ...], command: str, state
             with box("row"):
                 choice(zip(choices, choices, strict=True), id=name, aria_label=title)
                 Part("button", "commands", "Set", type="button", data_says=command, data_with=name,
-                     data_confirm=f"Tell the arm that this {name} is on?")
+                     data_confirm=f"Report to the arm that this {name} is attached?")

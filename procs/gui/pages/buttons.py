@@ -76,7 +76,7 @@ def _console(name: str) -> None:
             Part("span", "light", "clutch", data_on=f"{state}.clutch")
             Part("span", "light", "camera", data_on=f"{state}.camera")
             with Part("span", "quiet"):
-                Part("span", "", "inputs that see the operator: ")
+                Part("span", "", "inputs that detect the operator: ")
                 live(f"{state}.present_inputs", "num:0")
 
 
@@ -96,7 +96,7 @@ def _inputs(owner: str, source: str, names: list[str], uses: dict[tuple[str, str
                     if on_boards:
                         there = on_boards[owner, name]
                         use = uses.get((owner, name), "")
-                        asks = f"{use}: what it starts moves. Go on?" if use else ""
+                        asks = f"{use}: this may start motion. Continue?" if use else ""
                         switch("Press", f"{source}.input.{i}", [[("boards", "press", [1], there)]],
                                [[("boards", "press", [0], there)]], confirm=asks,
                                confirm_off=asks if use.endswith((": clutch", ": camera")) else "", data_input=name)
@@ -129,7 +129,7 @@ def _output(io: str, row: DigitalOutput, path: str) -> None:
         return
     with form(io, "set_pwm", row.name, "row"):
         arg("input", "num", data_low="0", data_high="1", size="4", inputmode="decimal",
-            aria_label="Share of the time that it is high")
+            aria_label="Duty cycle")
         Part("button", "commands", "Set", type="button", data_submit="", data_confirm=f"Set {row.name}?")
 
 

@@ -42,7 +42,7 @@ def _console(console: Console, teleops: list[str]) -> None:
                 live(f"{state}.input_type", classes="kind")
                 box("spacer")
                 Part("span", "age")
-                Part("span", "light", "teleoperation wanted", data_on=f"{state}.teleop_enabled")
+                Part("span", "light", "teleoperation requested", data_on=f"{state}.teleop_enabled")
             for text, field, command in PEDALS:
                 with box("row pedal"):
                     Part("span", "light", text, data_on=f"{state}.{field}")
@@ -76,7 +76,7 @@ def _selected(console: str, name: str, selected: str) -> None:
                    title="Select it",
                    confirm=f"Select {name}? Where teleoperation is on, its master may move to align.")
             button(f"✓ {name}", [[(console, "unselect_teleop", [], name)]], "small on", data_show=selected,
-                   title="It is selected; press to leave it out")
+                   title="Selected; press to unselect")
             box("spacer")
             Part("span", "light", "following", data_on=f"{state}.following")
             live(f"{state}.state", classes="chip small", data_tone="")

@@ -21,7 +21,7 @@ def focus_page(document: SystemConfig) -> None:
                     Part("span", "light", "moves out", data_on=f"{state}.focusing.1")
                     Part("span", "light busy", "locked", data_on=f"{state}.locked")
                     with Part("span", "light alarm", data_on=f"!{state}.valid", data_show=f"!{state}.valid"):
-                        Part("span", "", f"{focus.io} is not heard of")
+                        Part("span", "", f"no data from {focus.io}")
                 with box("row"):
                     for text, command in (("In", "focus_in"), ("Out", "focus_out")):
                         hold(text, (focus.name, command, [1], ""), (focus.name, command, [0], ""),
@@ -30,4 +30,4 @@ def focus_page(document: SystemConfig) -> None:
                            [[(focus.name, "lock", [0], "")]], id=f"{focus.name}-lock")
                 pedals = ", ".join(wired.name for wired in focus.pedals)
                 Part("p", "quiet", "It moves while a button is held, 10 s at most. "
-                                   + (f"Pedals: {pedals}." if pedals else "There are no pedals for it."))
+                                   + (f"Pedals: {pedals}." if pedals else "It has no pedals."))

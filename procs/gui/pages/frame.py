@@ -13,7 +13,7 @@ from trocar.procs.gui.pages.parts import Call, Part, box, button
 from trocar.procs.gui.robots import robots_of, with_actuators, with_gains
 
 KEYS: Final = (("Ctrl + O", "power off"), ("Ctrl + P", "power on"), ("Ctrl + H", "home"), ("?", "this list"))
-STEPS: Final = ("Take control, top right: until then this page only looks.",
+STEPS: Final = ("Take control, top right: until then this page is read-only.",
                 "Power on, then Home: arms move to be homed. Stand back.",
                 "Insert an instrument; the emulated robot of the demo has one.",
                 "Enable teleoperation, press the pedal, pinch the master: the instrument follows.")
@@ -48,7 +48,7 @@ def home(document: SystemConfig) -> list[list[Call]]:
 def power_buttons(document: SystemConfig, **attributes: Any) -> None:
     """Power on and home everything: the buttons that Ctrl + P and Ctrl + H press."""
     button("Power on", power_on(document), "primary", id="power-on", title="Ctrl + P",
-           confirm="Power on all arms? Amplifiers go on.", **attributes)
+           confirm="Power on all arms? Amplifiers switch on.", **attributes)
     button("Home", home(document), "primary", id="home", title="Ctrl + H",
            confirm="Home all arms? They move. Keep hands and tissue away.", **attributes)
 

@@ -25,10 +25,10 @@ NAMES: Final = {"p_gain": "P", "d_gain": "D", "i_gain": "I", "p_deadband": "dead
 ALWAYS: Final = ("p_gain", "d_gain", "i_gain")
 ROWS: Final = (("measured", "position", "joint", ""), ("setpoint", "setpoint_position", "joint", ""),
                ("error", "position_error", "joint", ""), ("effort", "effort", "num:3", "N·m | N"),
-               ("effort asked", "setpoint_effort", "num:3", "N·m | N"))
+               ("effort requested", "setpoint_effort", "num:3", "N·m | N"))
 """Label of an axis value, its field, format and unit; a joint's unit is shown at its name."""
 TRACES: Final = dict(zip(SIGNALS, ("position", "setpoint", "velocity", "velocity setpoint", "effort",
-                                   "effort asked", "disturbance", "error"), strict=True))
+                                   "effort requested", "disturbance", "error"), strict=True))
 SHOWN_FIRST: Final = ("position", "setpoint_position", "effort", "setpoint_effort")
 MAX_STEP: Final = 3
 """Of a step test, in degrees or mm."""
@@ -62,7 +62,7 @@ def _head(robot: IoRobot) -> None:
     with box("row"):
         switch("On", f"{source}.pid_enabled", [[(io, "pid_enable", [1], name)]], [[(io, "pid_enable", [0], name)]],
                confirm=f"Switch the joint controller of {name} on? It drives the motors.", id="switch-pid",
-               confirm_off=f"Switch the joint controller of {name} off? What no brake holds sinks.")
+               confirm_off=f"Switch the joint controller of {name} off? Joints without brakes sink.")
         for text, field, command in (("Error trips", "tracking_check", "tracking_check"),
                                      ("Velocity feed", "use_setpoint_velocity", "use_setpoint_v"),
                                      ("Position limits", "limits_enforced", "enforce_limits")):
@@ -99,7 +99,8 @@ def _table(robot: IoRobot, pid: PidConfig) -> None:
         box("spacer")
         Part("button", "quiet", "All gains", type="button", id="all-gains")
         Part("a", "button", "Save as file", href=f"/files{robot.path('pid')}.json", id="save", download="",
-             title="The gains in use, as trocar pid save makes it; the next start uses what the system file names")
+             title="The gains in use, as trocar pid save writes them; the next start uses the file named in the system "
+                   "file")
 
 
 def _gain(gain: Gain, axes: Sequence[PidAxis], kinds: Sequence[str]) -> None:

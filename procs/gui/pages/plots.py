@@ -39,7 +39,7 @@ def plots_page(document: SystemConfig) -> None:
                 Part("button", "", text, type="button", data_plot=does)
         box("row legend", id="plot-legend")
         Part("canvas", "plot", id="plot")
-        Part("p", "quiet", "Paused: drag to zoom, double click for all. What no page shows is not recorded.")
+        Part("p", "quiet", "Paused: drag to zoom, double click for all. Signals that no page shows are not recorded.")
 
 
 def topics_of(system: str) -> dict[str, list[list[Any]]]:

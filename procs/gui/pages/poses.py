@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from trocar.procs.gui.pages.parts import Part, live
 
-TURNS: Final = "turned about x, then y, then z: axes that stay as they are"
+TURNS: Final = "turned about x, then y, then z: fixed axes"
 
 
 def axes() -> None:

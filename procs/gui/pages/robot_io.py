@@ -63,7 +63,7 @@ def io_page(robots: Sequence[IoRobot], robot: IoRobot) -> None:
 
 def _about(robot: IoRobot) -> str:
     if robot.is_kinematic:
-        return "KINEMATIC: there is no robot; what only boards could measure is missing"
+        return "KINEMATIC: there is no robot; values that only boards measure are missing"
     watchdog = f"watchdog {robot.io.watchdog_s * 1e3:g} ms" if robot.io.watchdog_s else "watchdog off"
     return f"{robot.io.name}, serial {robot.robot.serial or '–'}, {robot.robot.hardware}, {watchdog}"
 
@@ -131,7 +131,7 @@ def _power(robot: IoRobot) -> None:
         Part("h2", "", "Power")
         with box("row"):
             button("Power on", [[(io, "power_on", [], name)]], "primary", id="io-power-on",
-                   confirm=f"Power on {name}? Its amplifiers go on.")
+                   confirm=f"Power on {name}? Its amplifiers switch on.")
             button("Power off", [[(io, "power_off", [], name)]], id="io-power-off")
             button("Power off, open relay", [[(io, "power_off", [1], name)]], "quiet")
         with box("row"):
@@ -140,7 +140,7 @@ def _power(robot: IoRobot) -> None:
                        confirm=f"Close the relay of {name} and switch motor power on, amplifiers off?")
             button("Clear fault", [[(io, "clear_fault", [], name)]], "quiet")
         if robot.pid:
-            Part("p", "quiet", f"What is switched here {robot.pid.arm} does not undo, until somebody asks it to.")
+            Part("p", "quiet", f"Manual settings stay in force until {robot.pid.arm} is enabled again.")
 
 
 def _encoders(robot: IoRobot) -> None:
@@ -149,8 +149,8 @@ def _encoders(robot: IoRobot) -> None:
         Part("h2", "", "Encoders")
         with box("row"):
             button("Set from potentiometers", [[(io, "bias_encoders", [BIAS_SAMPLES], name)]],
-                   confirm=f"Set the encoders of {name} from its potentiometers? It has to stand still, and be homed "
-                           "again afterwards.")
+                   confirm=f"Set the encoders of {name} from its potentiometers? It must stand still, and has to be "
+                           "homed again afterwards.")
             switch("Compare potentiometers", f"{robot.source}.pot_check", [[(io, "pot_check", [1], name)]],
                    [[(io, "pot_check", [0], name)]])
         with form(io, "set_encoder", name, "row"):
@@ -161,7 +161,7 @@ def _encoders(robot: IoRobot) -> None:
             arg("input", "joint", aria_label="Position", size="8", inputmode="decimal")
             Part("span", "unit chosen")
             Part("button", "commands", "Set", type="button", data_submit="",
-                 data_confirm=f"Set this encoder of {name}? A wrong place makes the arm go wrong.")
+                 data_confirm=f"Set this encoder of {name}? With a wrong position the arm moves wrongly.")
 
 
 def _brakes(robot: IoRobot) -> None:
@@ -170,5 +170,5 @@ def _brakes(robot: IoRobot) -> None:
         Part("h2", "", "Brakes")
         with box("row"):
             button("Release", [[(io, "brake_release", [], name)]], id="brakes-release",
-                   confirm=f"Release the brakes of {name}? What nothing else holds falls.")
+                   confirm=f"Release the brakes of {name}? Parts that nothing else holds fall.")
             button("Engage", [[(io, "brake_engage", [], name)]], id="brakes-engage")

@@ -54,5 +54,5 @@ def scene_page(document: SystemConfig) -> None:
             Part("span", "age")
             Part("span", "quiet", "Drag to turn, wheel to zoom, right button to shift. Orange: a joint near its limit.")
         if any(_emulated(document, arm) for arm in document.arms):
-            Part("p", "quiet", "These robots are emulated: drag a tip, and a hand pulls at it. Masters follow easily.")
+            Part("p", "quiet", "These robots are emulated: drag a tip to pull it by hand. Masters follow easily.")
         ArmScene(document)

@@ -33,20 +33,20 @@ def _cart(cart: Cart) -> None:
             live(f"{state}.state", classes="chip", data_tone="")
         live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
         with box("row"):
-            button("Enable", [[(name, "state_command", [], "enable")]], confirm=f"Enable {name}? Its power goes on.")
-            button("Home", [[(name, "state_command", [], "home")]], confirm=f"Home {name}? Its power goes on.")
+            button("Enable", [[(name, "state_command", [], "enable")]], confirm=f"Enable {name}? It gets power.")
+            button("Home", [[(name, "state_command", [], "home")]], confirm=f"Home {name}? It gets power.")
             button("Disable", [[(name, "state_command", [], "disable")]], "quiet")
             if cart.simulation != "KINEMATIC" and any(arm.lifts for arm in cart.arms):
                 Part("span", "quiet", "Lift, while held:")
                 hold("Up", (name, "set_lift_velocity", [1], ""), (name, "set_lift_velocity", [0], ""), every_ms=250)
                 hold("Down", (name, "set_lift_velocity", [-1], ""), (name, "set_lift_velocity", [0], ""), every_ms=250)
             box("spacer")
-            Part("span", "quiet", "base frames seen from")
+            Part("span", "quiet", "base frames relative to")
             live(f"{state}.reference_arm")
             with form(name, "set_reference_arm", "", "row"):
                 choice(((arm.name, arm.name) for arm in cart.arms), data_word="", aria_label="Reference arm")
                 Part("button", "commands", "Set", type="button", data_submit="",
-                     data_confirm="See base frames from another arm? Who follows in them stops.")
+                     data_confirm="Use another reference arm? Teleoperations that follow in these base frames stop.")
 
 
 def _arm(cart: Cart, place: int, arm: CartArm) -> None:
@@ -54,13 +54,13 @@ def _arm(cart: Cart, place: int, arm: CartArm) -> None:
     with box("card", data_source=state, id=f"setup-{arm.name}"):
         head("h2", "", arm.name, kind=f"carries {arm.carries}" if arm.carries else "carries nothing")
         with box("row facts"):
-            Part("span", "light", "place known", data_on=f"{state}.setup_valid.{place}")
+            Part("span", "light", "position known", data_on=f"{state}.setup_valid.{place}")
             Part("span", "light", "base frame known", data_on=f"{state}.base_valid.{place}")
             Part("span", "light busy", "clutched", data_on=f"{state}.clutched.{place}")
             if cart.kind != FIXED and cart.simulation != "KINEMATIC":
                 switch("Clutch", f"{state}.clutched.{place}", [[(cart.name, "clutch", [1], arm.name)]],
                        [[(cart.name, "clutch", [0], arm.name)]],
-                       confirm=f"Let the brakes of setup arm {arm.name} go? Hold it: it may sink.")
+                       confirm=f"Release the brakes of setup arm {arm.name}? Hold it: it may sink.")
                 with Part("span", "quiet"):
                     Part("span", "", "brakes ")
                     live(f"{state}.brake_current.{place}", "num:2")
@@ -77,7 +77,7 @@ def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
     unit = "counts" if cart.kind == SI else "V"
     kinds, known = ["p" if i == 0 else "r" for i in range(arm.joints)], f"{state}.setup_valid.{place}"
     titles = ["", "position", *([f"primary {unit}", f"secondary {unit}"] if has_pots else []),
-              *(["put at"] if is_kinematic else [])]
+              *(["set to"] if is_kinematic else [])]
     with form(cart.name, "servo_jp", arm.name), box("scroll"), Part("table", "joints setup"):
         columns(titles)
         with Part("tbody"):
@@ -97,9 +97,9 @@ def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
                                 data_now=f"{state}.position.{place}.{i}", data_valid=known)
         if is_kinematic:
             with Part("tfoot"), Part("tr"), Part("td", "", colspan=str(len(titles))):
-                Part("button", "quiet", "Read", type="button", data_reads="", title="Where it is now")
-                Part("button", "commands", "Put there", type="button", data_submit="",
-                     data_confirm=f"Put setup arm {arm.name} there? {arm.carries or 'What it carries'} goes with it.")
+                Part("button", "quiet", "Read", type="button", data_reads="", title="Use the present position")
+                Part("button", "commands", "Set position", type="button", data_submit="",
+                     data_confirm=f"Set setup arm {arm.name} to this position? {arm.carries or 'Its load'} moves too.")
     if has_pots and cart.kind != SI:
         with box("row quiet"):
             for i, text in enumerate(EXTRA):

@@ -49,7 +49,7 @@ def arm_card(arm: ArmConfig) -> None:
         reason(arm.name, state)
         with box("row buttons"):
             button("Enable", [[(arm.name, "state_command", [], "enable")]],
-                   confirm=f"Enable {arm.name}? Amplifiers go on.")
+                   confirm=f"Enable {arm.name}? Amplifiers switch on.")
             button("Home", [[(arm.name, "state_command", [], "home")]], confirm=f"Home {arm.name}? It moves.")
             box("spacer")
             button("Hold", [[(arm.name, "hold", [], "")]], "quiet", title="Stay where it is")
@@ -64,7 +64,7 @@ def cart_card(name: str) -> None:
             live(f"{state}.state", classes="chip", data_tone="")
         live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
         with box("row buttons"):
-            button("Enable", [[(name, "state_command", [], "enable")]], confirm=f"Enable {name}? Its power goes on.")
+            button("Enable", [[(name, "state_command", [], "enable")]], confirm=f"Enable {name}? It gets power.")
             box("spacer")
             button("Disable", [[(name, "state_command", [], "disable")]], "quiet")
 
@@ -77,7 +77,7 @@ def _first_steps(document: SystemConfig) -> None:
              ("Home them: they move", "", [f"{arm}.is_homed" for arm in arms])]
     psm = next((record(row.name) for row in document.arms if row.type == "PSM"), "")
     if psm:
-        steps.append(("Put an instrument on", "", [f"{psm}.tool"]))
+        steps.append(("Insert an instrument", "", [f"{psm}.tool"]))
     over = ""
     if document.consoles and document.teleop_psms:
         console, teleop = record(document.consoles[0].name), record(document.teleop_psms[0].name)
@@ -145,6 +145,6 @@ def _messages(document: SystemConfig) -> None:
         with head("h2", "", "Messages", has_age=False):
             choice((("status", "all"), ("warning", "warnings and errors"), ("error", "errors")), id="severity",
                    aria_label="At least")
-            choice((("", "every process"), *((row.name, row.name) for row in document.processes)), id="from",
+            choice((("", "all processes"), *((row.name, row.name) for row in document.processes)), id="from",
                    aria_label="From")
         box("list", id="messages")

@@ -33,7 +33,7 @@ def _enabling(name: str) -> None:
     state = record(name)
     with box("card", data_source=state), box("row"):
         Part("a", "title", name, href="/console")
-        Part("span", "light", "teleoperation wanted", data_on=f"{state}.teleop_enabled")
+        Part("span", "light", "teleoperation requested", data_on=f"{state}.teleop_enabled")
         for text, field, _ in PEDALS:
             Part("span", "light", text, data_on=f"{state}.{field}")
         Part("span", "age")
@@ -64,7 +64,7 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
                 button(f"{scale:g}", [[(row.name, "set_scale", [scale], "")]], "small",
                        data_on=f"{state}.scale={scale:g}")
             if isinstance(row, TeleopPsmConfig):
-                Part("span", "", "off in orientation by")
+                Part("span", "", "orientation error")
                 live(f"{state}.angle_error", "deg:1")
                 Part("span", "", "°")
         if isinstance(row, TeleopPsmConfig):

@@ -21,7 +21,7 @@ const shownSpeed = () => {
 export function isMeasured(flag, button) {
   const age = sourceAge(state);
   if (age !== null && age < 1 && value(`${state}.${flag}`)) return true;
-  if (button) note(button, "bad", `Nothing is measured now: ${arm} has no power, is not heard of, or does not know where that is.`);
+  if (button) note(button, "bad", `Nothing is measured now: ${arm} has no power, sends no data, or does not know this value.`);
   return false;
 }
 
@@ -89,12 +89,12 @@ page.addEventListener("click", async (event) => {
   if (button.dataset.does === "read") read(button);
   else if (button.dataset.does === "read-jaw") readJaw(button);
   else if (button.dataset.does === "move") {
-    if (!(await preview())) return note(button, "bad", goal() ? document.getElementById("preview-says").textContent : "A number is missing, or is none.");
-    button.dataset.confirm = `Move ${arm} to this place? The green shape shows where.`;
+    if (!(await preview())) return note(button, "bad", goal() ? document.getElementById("preview-says").textContent : "A number is missing or invalid.");
+    button.dataset.confirm = `Move ${arm} to this position? The green shape shows it.`;
     if (await asked(button, [[[arm, "move_jp", goal(), ""]]])) stage()?.preview(null);
   } else if (button.dataset.does === "jaw") {
     const angle = typed(document.getElementById("jaw-goal").value);
-    if (angle === null) return note(button, "bad", "This is no number.");
+    if (angle === null) return note(button, "bad", "This is not a number.");
     button.dataset.confirm = `Move the jaw of ${arm} to ${angle} ${unit(false)}?`;
     asked(button, [[[arm, "jaw/move_jp", [angle / perUnit(false)], ""]]]);
   } else if (button.dataset.says) {

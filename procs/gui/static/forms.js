@@ -42,7 +42,7 @@ export function values(form, button) {
 
 async function flip(button) {
   const on = value(button.dataset.switch);
-  if (!hasControl()) return note(button, "bad", "Take control first: this page only looks.");
+  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
   const question = on ? button.dataset.confirmOff : button.dataset.confirmOn;
   if (question && !(await confirmed(question))) return;
   perform(button, JSON.parse(on ? button.dataset.stepsOff : button.dataset.stepsOn));
@@ -51,7 +51,7 @@ async function flip(button) {
 // The values at `data-now`, as they would be typed; unknown ones are left out.
 function read(form, button) {
   const inputs = [...form.querySelectorAll("[data-now]")];
-  if (inputs.some(({ dataset }) => dataset.valid && !value(dataset.valid))) return note(button, "bad", "Where it is is not known now.");
+  if (inputs.some(({ dataset }) => dataset.valid && !value(dataset.valid))) return note(button, "bad", "Its position is not known now.");
   for (const input of inputs) {
     const v = value(input.dataset.now);
     const factor = perUnit(input.dataset.arg === "joint-p");
@@ -73,7 +73,7 @@ function letGo() {
 
 function holdOn(button) {
   letGo();
-  if (!hasControl()) return note(button, "bad", "Take control first: this page only looks.");
+  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
   const [to, command, found] = JSON.parse(button.dataset.hold);
   const every = +button.dataset.every || 0;
   const again = () => (hasControl() ? send(to, command, found) : letGo());

@@ -142,7 +142,7 @@ function connect() {
     refused = event.reason;
     you = false;
     holder = "";
-    for (const [, call] of waiting) call("lost", "the connection was lost; what became of it is not known");
+    for (const [, call] of waiting) call("lost", "the connection was lost; the outcome is unknown");
     waiting.clear();
     shown();
     if (!isGreeted) askAgain();
@@ -194,7 +194,7 @@ function shown() {
   if (localStorage.getItem("first-steps") === "closed") document.getElementById("first-steps")?.remove();
   if (button) {
     put(button, you ? "You have control" : holder ? "Take over control" : "Take control");
-    button.title = you ? "Give control back" : holder ? `${holder} has control` : "This page only looks until then";
+    button.title = you ? "Give control back" : holder ? `${holder} has control` : "This page is read-only until then";
   }
   render();
 }
@@ -279,7 +279,7 @@ export async function perform(button, steps) {
 
 export async function asked(button, steps, free) {
   if (!you && !free) {
-    note(button, "bad", "Take control first: this page only looks.");
+    note(button, "bad", "Take control first: this page is read-only.");
     return false;
   }
   if (button.dataset.confirm && !(await confirmed(button.dataset.confirm))) return false;
@@ -316,7 +316,7 @@ function jogEnds() {
 }
 export function jogBegins(button, make) {
   jogEnds();
-  if (!you) return note(button, "bad", "Take control first: this page only looks.");
+  if (!you) return note(button, "bad", "Take control first: this page is read-only.");
   const mine = { button, isOver: false };
   // Each has its answer: a refusal, for example by a fault, is shown at the button, and ends the jog.
   const heardOf = (outcome, text) => {

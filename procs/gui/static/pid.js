@@ -60,7 +60,7 @@ function discard() {
 
 async function apply(button) {
   const found = changed();
-  if (!hasControl()) return note(button, "bad", "Take control first: this page only looks.");
+  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
   if (!found.length) return note(button, "bad", "Nothing was changed.");
   const wrong = found.find((input) => wanted(input) === null);
   if (wrong) return note(button, "bad", wrong.title);
@@ -152,7 +152,7 @@ function take() {
 function pause(on) {
   if (paused && !on) trace.clear();
   paused = on;
-  at("pause").textContent = on ? "Go on" : "Pause";
+  at("pause").textContent = on ? "Resume" : "Pause";
 }
 
 at("axis").addEventListener("change", () => (choose(), pause(false)));
@@ -167,11 +167,11 @@ async function step(button) {
   const word = slides() ? "mm" : "°";
   const axis = +at("axis").value;
   const joints = value(`${arm}/state.count`);
-  if (!hasControl()) return note(button, "bad", "Take control first: this page only looks.");
+  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
   if (size === null || !size || Math.abs(size) > most) return note(button, "bad", `A step of up to ${most} ${word}, not 0, is needed.`);
   if (time === null || time < 0.1 || time > 5) return note(button, "bad", "A time from 0.1 to 5 s is needed.");
   if (!(axis < joints)) return note(button, "bad", `${arm} has no joint of that number now.`);
-  if (!(await confirmed(`${arm}, ${at("axis").selectedOptions[0].textContent} jumps by ${size} ${word}, and back after ${time} s. Go on?`))) return;
+  if (!(await confirmed(`${arm}, ${at("axis").selectedOptions[0].textContent} jumps by ${size} ${word}, and back after ${time} s. Continue?`))) return;
   const change = slides() ? size / 1000 : (size * Math.PI) / 180;
   const by = (v) => [[arm, "servo_jr", Array.from({ length: joints }, (_, i) => (i === axis ? v : 0)), ""]];
   pause(false);
@@ -208,10 +208,10 @@ function meanwhile(before) {
   const on = page.querySelector("[data-switch]").dataset.switch;
   if (isStopped) return "it was stopped";
   if (!hasControl()) return "this page has lost control";
-  if (!(sourceAge(`${arm}/state`) < 1)) return `${arm} is not heard of`;
+  if (!(sourceAge(`${arm}/state`) < 1)) return `${arm} sends no data`;
   if (value(`${arm}/state.state`) !== "ENABLED" || !value(on)) return `${arm} is not enabled any more`;
-  if (!isOurs(row)) return `${arm} was asked for ${row?.command} ${row?.text}`.trim();
-  return before && setpoint().every((v, i) => Math.abs(v - before[i]) < 1e-6) ? "" : "the setpoint is another one";
+  if (!isOurs(row)) return `${arm} received ${row?.command} ${row?.text}`.trim();
+  return before && setpoint().every((v, i) => Math.abs(v - before[i]) < 1e-6) ? "" : "the setpoint has changed";
 }
 
 // Whatever stops something: also Power off by its key.

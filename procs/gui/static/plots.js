@@ -184,10 +184,10 @@ function csv() {
 }
 
 const DOES = {
-  add: (button) => add(`${pick("topic").value}.${pick("field").value}${pick("index").value}`) ? want() : note(button, "bad", `It is there already, or there are ${COLOURS.length}.`),
+  add: (button) => add(`${pick("topic").value}.${pick("field").value}${pick("index").value}`) ? want() : note(button, "bad", `It is already shown, or there are ${COLOURS.length} signals.`),
   pause: (button) => {
     isPaused = !isPaused;
-    button.textContent = isPaused ? "Go on" : "Pause";
+    button.textContent = isPaused ? "Resume" : "Pause";
     button.classList.toggle("on", isPaused);
     zoom = null;
     draw();

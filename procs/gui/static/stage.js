@@ -214,7 +214,7 @@ class Hand {
     if (!hit) return;
     event.stopImmediatePropagation();
     event.preventDefault();
-    if (!window.trocar.hasControl()) return window.trocar.note(this.stage.$el, "bad", "Take control first: this page only looks.");
+    if (!window.trocar.hasControl()) return window.trocar.note(this.stage.$el, "bad", "Take control first: this page is read-only.");
     this.model = models.find((model) => model.handle === hit.object);
     this.model.handle.getWorldPosition(this.goal);
     this.plane.setFromNormalAndCoplanarPoint(this.stage.camera.getWorldDirection(new THREE.Vector3()), this.goal);

@@ -35,7 +35,7 @@ function said(pose) {
 
 const says = () => document.getElementById("tip-says");
 const preview = (pose) => previewed({ pose }, says());
-const NO_NUMBER = "A number is missing, or is none.";
+const NO_NUMBER = "A number is missing or invalid.";
 
 document.addEventListener("input", (event) => {
   const pose = event.target.dataset?.pose && wanted(event.target.dataset.pose);
@@ -54,15 +54,15 @@ document.addEventListener("click", async (event) => {
   else if (does === "move-tip") {
     const pose = wanted("tip");
     if (!pose || !(await preview(pose))) return note(button, "bad", pose ? says().textContent : NO_NUMBER);
-    button.dataset.confirm = `Move the tip of ${arm} there? The green shape shows where. Joints go straight, the tip may not.`;
+    button.dataset.confirm = `Move the tip of ${arm} there? The green shape shows it. The joints move straight; the tip may not.`;
     if (await asked(button, [[[arm, "move_cp", pose, ""]]])) stage()?.preview(null);
   } else if (does === "set-base") {
     const pose = wanted("base");
     const frame = document.getElementById("base-in");
     frame.classList.toggle("wrong", !frame.checkValidity());
-    if (!pose || !frame.checkValidity()) return note(button, "bad", pose ? "Names have letters, digits and signs, no blanks." : NO_NUMBER);
+    if (!pose || !frame.checkValidity()) return note(button, "bad", pose ? "A name has letters, digits and signs, no blanks." : NO_NUMBER);
     const place = frame.value || value(`${state}.reference_frame`);
-    button.dataset.confirm = `Tell ${arm} that its base stands at ${said(pose)}${place ? `, in ${place}` : ""}? All its poses change; who follows by them stops.`;
+    button.dataset.confirm = `Set the base frame of ${arm} to ${said(pose)}${place ? `, in ${place}` : ""}? All its poses change; teleoperations that use them stop.`;
     asked(button, [[[arm, "set_base_frame", pose, frame.value]]]);
   }
 });

@@ -173,7 +173,7 @@ def test_a_bag_is_opened_by_rosbags(tmp_path: Path, part: tuple[str, ...]) -> No
 def test_a_damaged_recording_gives_what_can_be_read(tmp_path: Path) -> None:
     path, _ = a_recording(tmp_path, finish=False)
     found = run(path, "-o", tmp_path / "bag", "--format", "rosbag2")
-    assert found.returncode == 1 and "its writer did not end it" in found.stderr
+    assert found.returncode == 1 and "its writer did not close it" in found.stderr
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
 
 

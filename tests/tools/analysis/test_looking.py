@@ -162,7 +162,7 @@ def test_logs_say_what_is_wrong_with_a_recording(fault: Path) -> None:
     whole = fault.read_bytes()
     fault.write_bytes(whole[: whole.rindex(b"\x0f\x04" + bytes(7))])
     code, said = asked("logs", "--recording", str(fault))
-    assert code == 0 and "error jump  PSM1: it jumped" in said and "its writer did not end it" in said
+    assert code == 0 and "error jump  PSM1: it jumped" in said and "its writer did not close it" in said
 
 
 def test_recordings_are_listed_with_their_reasons(fault: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
