@@ -41,7 +41,7 @@ class Verb:
 
 
 VERBS: tuple[Verb, ...] = (
-    Verb("demo", "verbs.demo:demo", "Start an emulated master and PSM; one draws, one follows.", moves=True),
+    Verb("demo", "verbs.demo:demo", "Demo: an emulated master draws, a PSM follows.", moves=True),
     Verb("up", "verbs.up:up", "Start a system; powers and moves nothing.", moves=True),
     Verb("down", "verbs.down:down", "Stop a system, and clean up after crashed systems.", moves=True),
     Verb("start", "verbs.processes:start", "Start one process of a running system.", moves=True),
@@ -51,10 +51,10 @@ VERBS: tuple[Verb, ...] = (
     Verb("home", "verbs.power:home", "Power on where needed and home the arms.", moves=True),
     Verb("power-off", "verbs.power:power_off", "Disable the arms.", moves=True),
     Verb("send", "verbs.send:send", "Send any command to a component.", moves=True, raw=True),
-    Verb("get", "verbs.properties:get", "Properties of processes of your own."),
-    Verb("set", "verbs.properties:set_property", "Set a property of a process of your own.", moves=True,
+    Verb("get", "verbs.properties:get", "List properties of user processes."),
+    Verb("set", "verbs.properties:set_property", "Set a property of a user process.", moves=True,
          raw=True),
-    Verb("record", "verbs.record:record", "Record topics into a file, every record of them."),
+    Verb("record", "verbs.record:record", "Record topics into a file, at full rate."),
     Verb("stream", "verbs.stream:stream", "Follow joint setpoints from a CSV file.", moves=True),
     Verb("replay", "verbs.replay:replay", "Replay a recording.", moves=True),
     Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
@@ -66,38 +66,38 @@ VERBS: tuple[Verb, ...] = (
         Verb("scan", "verbs.bus:scan", "Find every controller."),
         Verb("read", "verbs.bus:read", "Read registers."),
         Verb("write", "verbs.bus:write", "Write a register; asks first.", moves=True),
-        Verb("watch", "verbs.bus:watch", "A live view of one board."),
+        Verb("watch", "verbs.bus:watch", "Live view of one board."),
     )),
     Verb("status", "verbs.status:status", "Show what is wrong and what to do: processes, arms, teleoperations."),
     Verb("logs", "verbs.logs:logs", "Show log output."),
     Verb("list", "verbs.listing:list_topics", "List topics with their rates and fields."),
     Verb("hz", "verbs.listing:hz", "Measure the rates of topics."),
     Verb("echo", "verbs.echo:echo", "Print the values of a topic."),
-    Verb("scope", "verbs.scope:scope", "Fields at full rate around a moment, as a plot or a table."),
-    Verb("export", "verbs.export:export", "A recording as CSV, Parquet or a bag of rosbag2."),
-    Verb("compare", "verbs.compare:compare", "What is different in two recordings."),
+    Verb("scope", "verbs.scope:scope", "Fields at full rate around an event, as a plot or a table."),
+    Verb("export", "verbs.export:export", "Export a recording as CSV, Parquet or rosbag2."),
+    Verb("compare", "verbs.compare:compare", "Compare two recordings."),
     Verb("attach", "verbs.attach:attach", "Full-screen live monitor."),
     Verb("recordings", "verbs.recordings:recordings", "List recordings."),
-    Verb("dump", "verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),
+    Verb("dump", "verbs.dump:dump", "Save a system's shared memory, also after a crash."),
     Verb("report", "verbs.report:report", "Pack logs, recordings and versions for a bug report."),
     Verb("rl", "", "Environments for learning.", moves=True, parts=(
         Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment, here, on Ray, or on a robot.",
              moves=True),
     )),
-    Verb("commission", "commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),
+    Verb("commission", "commission.verb:commission", "Commission a robot, stage by stage.", moves=True),
     Verb("check", "verbs.check:check", "Validate configuration files."),
-    Verb("kinematics", "", "Kinematics and gravity of files, without a robot: JSON lines in and out.", parts=(
+    Verb("kinematics", "", "Kinematics and gravity from files, without a robot: JSON lines in and out.", parts=(
         Verb("fk", "verbs.kinematics:fk", "Pose of the tip."),
         Verb("jacobian", "verbs.kinematics:jacobian", "Body and spatial Jacobian."),
-        Verb("ik", "verbs.kinematics:ik", "Joints for a pose, or why there are none."),
+        Verb("ik", "verbs.kinematics:ik", "Joints for a pose, or why none reach it."),
         Verb("gravity", "verbs.kinematics:gravity", "Efforts that hold the arm."),
     )),
-    Verb("convert", "verbs.convert:convert", "Bring configuration files from before dVRK 2.4 up to date."),
+    Verb("convert", "verbs.convert:convert", "Convert configuration files from before dVRK 2.4."),
     Verb("doctor", "verbs.doctor:doctor", "Check this machine and suggest fixes."),
     Verb("bench", "verbs.bench:bench", "Measure the machine and the software."),
 )
 
-PANELS = {True: "Verbs that may change the robot", False: "Verbs that only look"}
+PANELS = {True: "Verbs that may change the robot", False: "Verbs that only read"}
 
 
 def build(only: str | None = None) -> typer.Typer:
@@ -144,7 +144,7 @@ def _version(asked: bool) -> None:
 
 def _nothing(
     version: Annotated[bool, typer.Option("--version", is_eager=True, callback=_version,
-                                          help="Which Trocar this is, and where.")] = False,
+                                          help="Print version and location.")] = False,
 ) -> None:
     """Drive and inspect da Vinci research robots."""
 

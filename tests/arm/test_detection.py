@@ -88,7 +88,7 @@ def test_a_version_has_to_be_said_where_there_are_several() -> None:
     new = dataclasses.replace(old, name="LARGE_NEEDLE_DRIVER_GEARED_420006", version_min=12, version_max=None)
     psm = with_adapter(tools=(old, new))
     psm.put_on("tool")
-    assert "say which" in psm.send("set_tool_type", (), "LARGE_NEEDLE_DRIVER:420006").replies[0][1]
+    assert "specify one" in psm.send("set_tool_type", (), "LARGE_NEEDLE_DRIVER:420006").replies[0][1]
     psm.send("set_tool_type", (), "LARGE_NEEDLE_DRIVER:420006[14]")
     psm.run(0.1)
     assert psm.state.text("tool") == new.name

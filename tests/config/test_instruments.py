@@ -99,7 +99,7 @@ def test_a_model_with_several_versions_needs_one(home: Home) -> None:
     choosing(home, row("A", "1", version_max=4), row("A", "1", version_min=5))
     home.edit(ARM, "tool_detection: MANUAL", 'tool_detection: FIXED\ntool: "A:1"')
     problem = home.error()
-    assert problem.key == "tool" and "say which" in problem.text and problem.allowed == "A:1[..4], A:1[5..]"
+    assert problem.key == "tool" and "specify one" in problem.text and problem.allowed == "A:1[..4], A:1[5..]"
     home.edit(ARM, 'tool: "A:1"', 'tool: "A:1[7]"')
     system = home.load().system
     assert system is not None and system.arms[0].tool is not None and system.arms[0].tool.version_min == 5

@@ -167,8 +167,8 @@ def test_the_multiplexer_goes_on_and_back_for_anybody(harness: IoHarness) -> Non
 
 
 @pytest.mark.parametrize(("name", "reason"), [("lift", "it has no lift"), ("multiplexer", "it has no multiplexer"),
-                                              ("setup_brake", "there are no setup joints under it whose brakes io lets "
-                                                              "go")])
+                                              ("setup_brake", "there are no setup joints under it whose brakes io "
+                                                              "releases")])
 def test_a_robot_without_them_says_so(name: str, reason: str) -> None:
     done = IoHarness().ask(name, 0)
     assert (done.outcome, done.answers[-1][1]) == ("refused", reason)

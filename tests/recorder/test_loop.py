@@ -255,7 +255,7 @@ def test_a_stop_that_is_refused_is_told(recording: Recording, monkeypatch: pytes
     monkeypatch.setattr(recording.loop, "_stop_named", refused)
     recording.happens = interrupted
     said = recording.types("run", "PSM1")
-    assert said.exit_code == 1 and "not now; what was recorded until then is in" in said.stderr
+    assert said.exit_code == 1 and "not now; the recording up to then is in" in said.stderr
 
 
 def test_a_recorder_that_dies_does_not_keep_anybody_waiting(recording: Recording) -> None:

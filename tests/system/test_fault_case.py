@@ -26,7 +26,7 @@ def test_three_commands_of_the_page_say_why_an_arm_faulted(robot: Robot) -> None
 
         def is_kept() -> bool:
             held.run_until(held.now_ns() + 10_000_000, 60.0)
-            return "what led to it was recorded" in robot.trocar("status", code=None)
+            return "a recording of the time before it" in robot.trocar("status", code=None)
 
         wait_for(is_kept, 60.0, "the file of the fault")
     wait_for(lambda: robot.trocar(*listed).count("an amplifier is off") == 1, 30.0, "the file is listed")

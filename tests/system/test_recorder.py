@@ -129,7 +129,7 @@ def test_a_recording_whose_recorder_dies_fails_and_is_readable(recorded: Robot) 
         said = pool.submit(recorded.trocar, "record", "dies", "PSM1/state", "--for", "60", code=1)
         wait_for(lambda: any(records_in(path) > 50 for path in files(recorded, "dies-*.mcap")), 30, "some records")
         pid = recorded.kill("recorder")
-        assert "what was recorded until then is in" in said.result(60)
+        assert "the recording up to then is in" in said.result(60)
     assert records_in(files(recorded, "dies-*.mcap")[-1]) > 50
     wait_for(lambda: is_up(recorded) and recorded.pid("recorder") != pid, 60, "its restart")
     recorded.pids.add(recorded.pid("recorder"))

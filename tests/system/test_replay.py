@@ -102,7 +102,7 @@ def test_recorded_commands_are_asked_for_again(robot: Robot, recorded: Path) -> 
     assert replay.returncode == 0, replay.stderr
     assert rows and {row["command"] for row in rows} <= {"move_jp", "hold"}, rows  # what fell into the last 3 s
     assert all(row["outcome"] == "done" or "replaced by" in row["reply"] for row in rows), rows
-    assert "which is no move" in replay.stderr, "streams are left out, and that is said"
+    assert "which is not a move" in replay.stderr, "streams are left out, and that is said"
     said = robot.types("replay", str(recorded), "--arms", "PSM9")
     assert said.returncode == 1 and "no arm PSM9" in said.stderr
     assert robot.types("replay", str(recorded), "--speed", "0").returncode == 2

@@ -158,6 +158,6 @@ def test_a_master_of_the_system_is_started_when_wanted_and_again_after_its_death
         if followed == 2:
             break
     assert followed == 2, "a program and its successor"
-    assert "a program that does not carry out move_cp" in robot.trocar("send", "MTMR", "move_cp", *"0000001", code=1)
+    assert "a program that does not support move_cp" in robot.trocar("send", "MTMR", "move_cp", *"0000001", code=1)
     teleop.close()
     assert robot.down() == 0

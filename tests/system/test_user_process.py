@@ -103,7 +103,7 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     wait_for(lambda: robot.state("asleep") == "RUNNING", 60, "it starts for whoever wants its topic")
     robot.pids.add(robot.pid("asleep"))
     assert "asleep.site = far left" in robot.trocar("set", "asleep.site", "far left")
-    assert "is no number" in robot.trocar("set", "box.x", "far left", code=2)
+    assert "is not a number" in robot.trocar("set", "box.x", "far left", code=2)
     somebody.close()
     wait_for(lambda: robot.state("asleep") == "STOPPED", 60, "it ends when nobody does any more")
     assert robot.down() == 0

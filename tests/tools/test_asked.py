@@ -74,7 +74,7 @@ def test_the_newest_of_all_are_shown_and_the_rest_counted(system: str) -> None:
 
 
 def test_the_commands_of_a_system_that_is_down_are_not_silently_none(world: World) -> None:
-    with pytest.raises(Problem, match="is down: commands are kept while the system is up"):
+    with pytest.raises(Problem, match="is down: commands are available while the system is up"):
         asked_rows(world.name, None, 20)
 
 

@@ -71,7 +71,7 @@ def test_shared_memory_without_room_is_bad(tmp_path: Path, monkeypatch: pytest.M
         assert machine.shared_memory(tmp_path).state == state
     monkeypatch.setattr(machine, "left_over", lambda: ["old"])
     assert machine.shared_memory(tmp_path) == MachineFinding(
-        "shared memory", NOTE, f"1000 MB free in {tmp_path}; dead systems have left something: old",
+        "shared memory", NOTE, f"1000 MB free in {tmp_path}; crashed systems have left:  old",
         "trocar down --system old")
 
 

@@ -214,7 +214,7 @@ def test_set_looks_whether_io_has_the_gains(ring: RingWriter, takes: bool, monke
     thread.join()
     mailbox.close()
     assert done.exit_code == (0 if takes else 1), done.output
-    assert ("p_gain 1 → 7" if takes else "IO1 answered done, but shows other gains: insertion p_gain 1") in done.output
+    assert ("p_gain 1 → 7" if takes else "IO1 answered done, but reports other gains: insertion p_gain") in done.output
 
 
 def test_gains_of_a_dead_io_are_not_taken_for_those_in_use(ring: RingWriter) -> None:

@@ -97,9 +97,9 @@ def test_the_file_of_another_fault_is_not_named(world: Any, monkeypatch: pytest.
         assert "recorded" not in status(made).stdout
         recorder.field("fault_first_ns")[...] = before_ns - 1_000_000_000_000
         recorder.publish(before_ns)
-        assert "what led to it was recorded: /x/fault" in status(made).stdout
+        assert "a recording of the time before it: /x/fault" in status(made).stdout
         made.events.operating_state("FAULT", "FAULT", False, False)
-        assert "what led to it was recorded: /x/fault" in status(made).stdout, "it only said it again"
+        assert "a recording of the time before it: /x/fault" in status(made).stdout, "it only said it again"
         for state in ("ENABLED", "FAULT"):
             made.events.operating_state(state, state, False, False)
         assert "recorded" not in status(made).stdout, "this fault is another one"

@@ -60,7 +60,7 @@ def test_the_system_meant_is_found_with_one_look(looks: Counter[str], monkeypatc
 
 
 def test_dead_systems_cost_one_attach_each(looks: Counter[str]) -> None:
-    with pytest.raises(Problem, match=r"old00.*died and left shared memory"):
+    with pytest.raises(Problem, match=r"old00.*crashed and left shared memory"):
         systems.chosen_system()
     assert looks == {"names_of": 3, "running": 1, "Segment": DEAD}  # two more looks for those of other users
 

@@ -31,7 +31,7 @@ MOST: Final = MAX_DEPTH - 2
 """Records of a ring."""
 AT_ONCE: Final = 1000
 RecordingOption = Annotated[Path | None, typer.Option(
-    "--recording", metavar="FILE", help="Instead of a system: what a recording has.")]
+    "--recording", metavar="FILE", help="Read a recording instead of a system.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +62,8 @@ def recording_as_system(file: Path, wanted: Callable[[RecordedTopic], bool] = la
         kept = _newest(recording, topics, stretch(recording, part.from_s, part.to_s))
         begin_ns = max((each.begin_ns for each in kept if each.topic.rate_hz), default=-END_NS)
         if begin_ns > -END_NS:
-            note(f"{file}: it has more than {MOST} records of a topic; looked at is what comes from "
-                 f"{(begin_ns - start_ns(recording)) * 1e-9:.1f} s on; --from and --to choose")
+            note(f"{file}: it has more than {MOST} records of a topic; only those from "
+                 f"{(begin_ns - start_ns(recording)) * 1e-9:.1f} s on are read; --from and --to choose others")
         newest = max((_fill(name, each, begin_ns) for each in kept), default=(0, 0))
         _tell_time(name, *(newest if any(newest) else (0, recording.end_ns)))
         for problem in recording.problems:

@@ -28,10 +28,10 @@ TIMED: Final = IN_TIME - {"supervisor"}
 
 TopicsOption = Annotated[
     list[str] | None,
-    typer.Option("--topics", metavar="TOPIC", help="Only these, as PSM1/state or 'PSM*/*'; again for more."),
+    typer.Option("--topics", metavar="TOPIC", help="Only these, e.g. PSM1/state or 'PSM*/*'; repeatable."),
 ]
-FromOption = Annotated[float, typer.Option("--from", min=0.0, metavar="S", help="Begin so many s after its start.")]
-ToOption = Annotated[float | None, typer.Option("--to", min=0.0, metavar="S", help="End so many s after its start.")]
+FromOption = Annotated[float, typer.Option("--from", min=0.0, metavar="S", help="Begin, in seconds from its start.")]
+ToOption = Annotated[float | None, typer.Option("--to", min=0.0, metavar="S", help="End, in seconds from its start.")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,7 @@ class CommonTime:
 def common_time(a: RecordingReader, b: RecordingReader, parts: tuple[Stretch, Stretch], how: str) -> CommonTime:
     """Common time of `parts` of both; Problem if there is none."""
     if how == SEQUENCE:
-        return CommonTime(how, *parts, "the numbers that both have, topic by topic")
+        return CommonTime(how, *parts, "the record numbers that both have, topic by topic")
     ours, theirs = (_extent(each, part) for each, part in zip((a, b), parts, strict=True))
     if how == START:
         whole_ns = min(ours[1] - ours[0], theirs[1] - theirs[0])

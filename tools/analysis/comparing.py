@@ -124,11 +124,11 @@ def _left_out(both: Sequence[str], real: Sequence[str], unwanted: Sequence[str],
               a: RecordingReader, shared: CommonTime | None) -> tuple[str, ...]:
     """The data that was not compared, in words."""
     there = sorted({field for name in both for field in (_names(a, name)) if field in REAL_TIME}, key=REAL_TIME.index)
-    said = [f"fields that are real time by nature, or name a process: {', '.join(there)}"] if there else []
-    said += [f"time that not both have; compared are {shared.text}"] if shared is not None else []
-    said += [f"computed on demand, and not wanted all the time: {', '.join(unwanted)}"] if unwanted else []
+    said = [f"fields that depend on real time, or identify a process: {', '.join(there)}"] if there else []
+    said += [f"time that only one has; compared: {shared.text}"] if shared is not None else []
+    said += [f"computed on demand, and not requested all the time: {', '.join(unwanted)}"] if unwanted else []
     said += [f"not recorded: {', '.join(absent)}"] if absent else []
-    return (*said, *([f"processes that live by real time: {', '.join(real)} (--topics compares them)"] if real else []))
+    return (*said, *([f"processes that run in real time: {', '.join(real)} (--topics compares them)"] if real else []))
 
 
 def _names(recording: RecordingReader, topic: str) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ def ping(system: str, topic: Topic = PROBE, what: str = "trip") -> Turn:
             pass
         payload[0] = 0.0
         if answer != begin or answers.stamp_ns != now or answers.lost or answers.problem:
-            raise Problem(f"this was not the answer {answers.problem}")
+            raise Problem(f"wrong answer: {answers.problem}")
         return {what: times}
 
     return turn

@@ -92,7 +92,7 @@ def iceoryx2_ping(place: str) -> Turn:
             now = monotonic_ns()
             sample.delete()
             if answer != begin:
-                raise Problem("iceoryx2: this is not the answer to our question")
+                raise Problem("iceoryx2: the answer does not match the question")
             times.append(now - begin)
         publisher.send_copy(PeerRecord(number=LAST))
         return {"trip": times}
@@ -143,7 +143,7 @@ def iceoryx2_tuned_ping(place: str) -> Turn:
             now = monotonic_ns()
             sample.delete()
             if answer != begin:
-                raise Problem("iceoryx2: this is not the answer to our question")
+                raise Problem("iceoryx2: the answer does not match the question")
             times.append(now - begin)
         publisher.send_copy(PeerRecord(number=LAST))
         return {"trip": times}
@@ -186,7 +186,7 @@ def _ask(send: Send, receive: Receive) -> Turn:
             answer = receive()
             now = monotonic_ns()
             if len(answer) != PAYLOAD:
-                raise Problem("this is not the answer to our question")
+                raise Problem("the answer does not match the question")
             times.append(now - begin)
         send(END)
         return {"trip": times}

@@ -208,7 +208,7 @@ def _problems(system: str, homed: list[str], missing: list[str], errors: dict[st
     printed = [f"{name} is not homed" for name in powered_names(system) if name not in homed] + missing
     printed += [f"{name} reported {count} errors: {texts[0]}" for name, (count, texts) in errors.items() if count]
     restarted = [name for name in after if name in before and before[name].pid != after[name].pid]
-    return printed + [f"{name} was started anew" for name in restarted]
+    return printed + [f"{name} was restarted" for name in restarted]
 
 
 def _kinematic(system: str, masters: list[str]) -> list[str]:

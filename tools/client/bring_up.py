@@ -68,7 +68,7 @@ class ArmBringUp:
             else:
                 self.over = True
         elif state == "FAULT" and self.asked and self.asked[-1] != "disable":
-            self._fail(self.watch.last_error() or "it went to FAULT and did not say why")
+            self._fail(self.watch.last_error() or "it went to FAULT without a reason")
         else:
             word = self._next_word(state, busy)
             if word and word not in self.asked:

@@ -77,7 +77,7 @@ class BridgeConnection:
             message = json.loads(line)
             op, number = message["op"], message.get("id")
         except (ValueError, TypeError, KeyError, AttributeError):
-            raise self._gone(f"it is no bridge of ours, it says {line[:40]!r}") from None
+            raise self._gone(f"it is not a bridge of Trocar, it answers {line[:40]!r}") from None
         if isinstance(number, int):
             self._heard.setdefault(number, []).append(message)
         elif op == "record":

@@ -281,7 +281,7 @@ class DistantWays:
 
     def statistics(self, name: str) -> dict[str, dict[str, float]]:
         """Known on its own machine only."""
-        raise Problem(f"{name}: trocar status on the robot's machine tells that")
+        raise Problem(f"{name}: trocar status on the robot's machine shows it")
 
     def gripper_zero(self, name: str) -> float:
         """Unknown here: the master's report counts."""

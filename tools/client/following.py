@@ -108,7 +108,7 @@ class Follower:
                 raise Problem(f"{name} {went}" + (f": {why}" if why else ""))
             self._compare(reader.stamp_ns)
         if not fresh and self._watch.age_s > FRESH_S:
-            raise Problem(f"{name} does not show what it does: {self._watch.problem()}")
+            raise Problem(f"{name} does not publish its state: {self._watch.problem()}")
 
     def _compare(self, stamp_ns: int) -> None:
         if stamp_ns >= self._now_ns:
@@ -145,7 +145,7 @@ class Follower:
             number = self.remote.send(command, values)
             reply = first_reply(self.remote, number, ENDINGS, APPROACH_S, (self, *others), self._time)
             if reply.outcome != "done":
-                raise Problem(f"{self._watch.name}: the move to where it begins {became(reply.outcome)}: {reply.text}")
+                raise Problem(f"{self._watch.name}: the move to its start {became(reply.outcome)}: {reply.text}")
         self._watch.look()
         self._arrived = self._asked()
 
@@ -156,7 +156,7 @@ class Follower:
         off = np.abs(self._asked() - self._arrived)
         if not (off <= MOVED).all():  # NaN is elsewhere, too
             joint = self.names[int(np.argmax(~(off <= MOVED)))]
-            raise Problem(f"{self._watch.name}: somebody else has moved it from where it begins ({joint})")
+            raise Problem(f"{self._watch.name}: another program has moved it from the starting pose ({joint})")
 
     def _asked(self) -> Array:
         """Its setpoint, the jaw last."""
@@ -181,7 +181,7 @@ def _hold(remote: Remote) -> None:
     try:
         remote.send("hold")
     except (SegmentError, MailboxFull) as error:
-        note(f"{remote.instance} could not be asked to hold: {error}")
+        note(f"{remote.instance} could not be commanded to hold: {error}")
 
 
 def waited(until: Callable[[], bool], arms: Sequence[Follower], time: SystemTime) -> None:
@@ -216,7 +216,7 @@ def first_reply(remote: Remote, number: int, wanted: Sequence[str], seconds: flo
 
     waited(came, arms, time)
     if not found:
-        raise Problem(f"{remote.instance}: what it was asked for has not ended after {seconds:g} s")
+        raise Problem(f"{remote.instance}: its command has not ended after {seconds:g} s")
     return found[0]
 
 

@@ -126,7 +126,7 @@ def asked(remote: CommandWay, command: str, values: ArrayLike) -> Array:
     try:
         answer = numbers(json.loads(text))
     except (ValueError, TypeError):
-        raise Problem(f"{remote.instance} answered {command} with {text!r}, which are no numbers") from None
+        raise Problem(f"{remote.instance} answered {command} with {text!r}, which are not numbers") from None
     return answer
 
 
@@ -134,5 +134,5 @@ def asked_pose(remote: CommandWay, command: str, values: ArrayLike) -> Array:
     """The pose (4, 4) that a question is answered with."""
     answer = asked(remote, command, values)
     if answer.shape != (7,):
-        raise Problem(f"{remote.instance} answered {command} with {answer.size} numbers, which are no pose")
+        raise Problem(f"{remote.instance} answered {command} with {answer.size} numbers, which are not a pose")
     return matrix_from_pose(answer)

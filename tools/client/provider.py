@@ -203,7 +203,7 @@ class Provider(Closable):
             return
         what = f"{command.name} {command.text}".rstrip()
         raise Refused(f"{self.name} is {self._fields['program'].item().decode(errors='replace')}, a program that does "
-                      f"not carry out {what}")
+                      f"not support {what}")
 
     # -- lifetime --
 
@@ -261,7 +261,7 @@ def _places(document: SystemConfig, name: str) -> dict[str, ThirdParty]:
     """All there are, this one among them."""
     places = {row.name: row for row in document.third_parties}
     if name not in places:
-        raise unknown("place for a program of yours", name, places)
+        raise unknown("place for your own program", name, places)
     return places
 
 

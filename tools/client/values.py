@@ -31,11 +31,11 @@ class JointState(NamedTuple):
 def numbers(values: ArrayLike) -> Array:
     """Numbers in one row (n,), also a single one; ValueError for other types."""
     if values is None:
-        raise ValueError("None is no number")
+        raise ValueError("None is not a number")
     try:
         given = np.asarray(values, dtype=np.float64)
     except TypeError as error:
-        raise ValueError(f"these are no numbers: {error}") from None
+        raise ValueError(f"these are not numbers: {error}") from None
     if given.ndim > 1:
         raise ValueError(f"numbers in one row are needed, not an array of shape {given.shape}")
     return given.reshape(-1)

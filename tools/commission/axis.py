@@ -63,7 +63,7 @@ def run(bench: RunningBench) -> Outcome:
             continue
         bench.person.confirm(
             f"{subject.whole()}: its amplifiers are switched on. Each axis in turn is moved a little ({travel_text()}) "
-            f"with at most {100 * SHARE_WITH_BRAKE:g} % of its current; nothing else holds the arm. Put it in "
+            f"with at most {100 * SHARE_WITH_BRAKE:g} % of its current; nothing else holds the arm. Move it to "
             "mid-range, support what can fall, keep the workspace clear, hand on the emergency stop.", subject.name)
         with bench.person.supporting(subject):
             bench.enable(subject)
@@ -95,8 +95,8 @@ def _one(bench: RunningBench, subject: Subject, axis: int, figures: dict[str, ob
                                         "current_A": [up.requested_a, down.requested_a]}
         found = judge(up, down, subject, axis)
     if not found and not bench.person.agrees(f"Was it {subject.title(axis)} that moved, and nothing else?"):
-        found = [Finding(subject.where(axis), "another axis moved, the person says", f"{subject.names[axis]} alone",
-                         "motor, encoder and potentiometer of two axes have each other's plugs")]
+        found = [Finding(subject.where(axis), "the operator saw another axis move", f"{subject.names[axis]} alone",
+                         "the plugs of motor, encoder and potentiometer of two axes are swapped")]
     return found
 
 
@@ -127,7 +127,7 @@ def judge_brake(held: Drive, subject: Subject, axis: int) -> list[Finding]:
     if abs(held.moved[axis]) <= HOLDS * travel:
         return []
     return [Finding(subject.where(axis), f"its brake slips: {held.moved[axis]:+.4f} {unit} with {held.requested_a:.2f} "
-                    "A", f"{HOLDS * travel:.4f} {unit} at most", "do not go on: the arm may fall. Repair the brake, or "
+                    "A", f"{HOLDS * travel:.4f} {unit} at most", "stop here: the arm may fall. Repair the brake, or "
                     "is it the brake of another axis?")]
 
 
@@ -141,7 +141,7 @@ def judge(up: Drive, down: Drive, subject: Subject, axis: int) -> list[Finding]:
         if math.isnan(drive.measured):
             return [Finding(where, f"moved by {drive.moved[axis]:+.4f} {unit} and needed no current for it",
                             "at rest until its motor has current",
-                            "something else moves it, as its weight: support it and repeat")]
+                            "something else moves it, e.g. its weight: support it and repeat")]
         if not abs(drive.measured - 1.0) <= CURRENT_WITHIN:
             return [Finding(where, f"{drive.measured:.2f} A measured for each A requested", "1 A within "
                             f"{100 * CURRENT_WITHIN:g} %", "motor or its plug is open, or the current calibration is "
@@ -153,13 +153,13 @@ def judge(up: Drive, down: Drive, subject: Subject, axis: int) -> list[Finding]:
     if not all(moves):
         way = "the positive" if moves[0] else "the negative"
         return [Finding(where, f"moves in {way} direction only", "both ways",
-                        "is it at a stop, or against its own weight? Put it in mid-range and repeat this stage")]
+                        "is it at a stop, or against its own weight? Move it to mid-range and repeat this stage")]
     if up.moved[axis] < 0.0 < down.moved[axis]:
         return [Finding(where, f"moves by {up.moved[axis]:+.4f} {unit} {with_a}", "the positive direction",
-                        "the sign of current_to_bits or of bits_to_position is wrong, or a plug is turned round")]
+                        "the sign of current_to_bits or of bits_to_position is wrong, or a plug is reversed")]
     if (up.moved[axis] > 0.0) == (down.moved[axis] > 0.0):
         return [Finding(where, f"moves by {up.moved[axis]:+.4f} and {down.moved[axis]:+.4f} {unit} for currents both "
-                        "ways", "there and back", "something else moves it, as its weight: support it and repeat")]
+                        "ways", "there and back", "something else moves it, e.g. its weight: support it and repeat")]
     return _against_pot(up, down, subject, axis) if subject.has_pot(axis) else []
 
 
@@ -171,8 +171,8 @@ def _still(up: Drive, down: Drive, subject: Subject, axis: int) -> Finding:
     where, unit, travel = subject.where(axis), subject.unit(axis), travel_of(subject, axis)
     if other != axis and shares[other] >= 1.0:
         return Finding(where, f"stands still, {subject.title(other)} moves in its place", "it moves itself",
-                       f"motors or encoders of axes {axis} and {other} have each other's plugs")
-    cause = "its brake does not let go, or it is stuck" if subject.has_brake(axis) else "is it stuck or at a stop?"
+                       f"the motor or encoder plugs of axes {axis} and {other} are swapped")
+    cause = "its brake does not release, or it is stuck" if subject.has_brake(axis) else "is it stuck or at a stop?"
     return Finding(where, f"moves by {up.moved[axis]:+.4f} and {down.moved[axis]:+.4f} {unit} with "
                    f"{up.requested_a:.2f} A", f"{travel:g} {unit}", f"{cause} Else its motor or encoder is unplugged")
 
@@ -187,7 +187,7 @@ def _against_pot(up: Drive, down: Drive, subject: Subject, axis: int) -> list[Fi
     seen = f"encoder moves {way:.4f} {unit}, potentiometer {pot:+.4f}"
     if slope < 0.0:
         return [Finding(where, seen, "the same way", "the sign of voltage_to_position is wrong, or motor and encoder "
-                        "are both turned round")]
+                        "are both reversed")]
     if slope < LEAST:
         return [Finding(where, seen, "as far", "the potentiometer is dead, loose, or that of another axis")]
     return [Finding(where, seen, f"as far within {100 * SLOPE_WITHIN:g} %",

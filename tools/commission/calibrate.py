@@ -81,7 +81,7 @@ def _robot(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int,
             if subject.has_pot(axis) and not subject.has_brake(axis)]
     if len(axes) < len(subject.robot.actuators):
         outcome.notes.append(f"{subject.name}: only axes {', '.join(map(str, axes)) or 'none'} can be moved by hand "
-                             "and have a potentiometer that tells where they are")
+                             "and have a potentiometer for their position")
     lines: dict[int, FittedLine] = {}
     for axis in axes:
         by = way_of(subject, axis)
@@ -89,7 +89,7 @@ def _robot(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int,
         if outcome.add(judge(line, subject, axis, by)):
             return {}
         lines[axis] = line
-    chosen = bench.person.chosen(f"Hold {subject.name} in its zero position (all joints at 0). Which axes are there?",
+    chosen = bench.person.chosen(f"Hold {subject.name} in its zero position (all joints 0). Which axes are there now?",
                                  axes)
     if not chosen:
         return {axis: FittedLine(line.scale, _old(subject, axis)[1], 0.0) for axis, line in lines.items()}
@@ -134,7 +134,7 @@ def judge(line: FittedLine, subject: Subject, axis: int, by: float) -> list[Find
     where, unit, old = subject.where(axis), subject.unit(axis), _old(subject, axis)[0]
     if math.isnan(line.residual):
         return [Finding(where, "the voltage of its potentiometer did not change", "it follows the motion",
-                        "it is dead or its cable is loose: look at plug and cable")]
+                        "it is dead or its cable is loose: check plug and cable")]
     if not line.residual <= RESIDUAL * by:
         return [Finding(where, f"its potentiometer is {line.residual:.4f} {unit} off a straight line",
                         f"{RESIDUAL * by:.4f} {unit}", "is it worn, loose or dead? Calibrating cannot help it")]

@@ -22,7 +22,7 @@ def run(bench: RunningBench) -> Outcome:
     """One arm after the other."""
     outcome = Outcome()
     for subject in (each for each in bench.subjects if each.arm):
-        bench.person.confirm(f"{subject.whole()} is powered and goes to its home position with all joints, by itself. "
+        bench.person.confirm(f"{subject.whole()} is powered and moves all joints to the home position by itself. "
                              "Workspace clear, no instrument, hand on the emergency stop.", subject.name)
         try:
             begin_ns = bench.time.now_ns()
@@ -44,7 +44,7 @@ def homed(bench: RunningBench, subject: Subject) -> list[Finding]:
     try:
         bring_all(bench.system, [subject.arm], HOMED)
     except Problem as problem:
-        return [Finding(subject.whole(), str(problem), "homed", "docs/errors.md has cause and remedy; mend it, then "
+        return [Finding(subject.whole(), str(problem), "homed", "docs/errors.md has cause and remedy; fix it, then "
                         "repeat this stage")]
     return []
 
@@ -69,5 +69,5 @@ def judge(window: Window, subject: Subject) -> list[Finding]:
         checks.append(("tracking_check", "the check of tracking errors"))
     for field, what in checks:
         if not window.flags(field, subject)[-1]:
-            found.append(Finding(subject.whole(), f"{what}: off", "on", "tell us: a homed arm has them on"))
+            found.append(Finding(subject.whole(), f"{what}: off", "on", "report this: a homed arm has them on"))
     return found

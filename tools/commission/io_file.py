@@ -47,7 +47,7 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     saved = SavedIoFile(path, diff)
     if (kept := put(path, new, lambda fresh: _check(path, fresh))) is not None:
         saved.notes.append(f"{path} was there; it is {kept} now")
-    use = "" if write else f"; put it in the place of {source.name} (IO_file of the system file)"
+    use = "" if write else f"; use it in place of {source.name} (IO_file of the system file)"
     saved.notes.append(f"{path} has values of the emulated robot; yours has others: do not use it" if rehearsed
                        else f"{path} has the calibrated values{use}")
     return saved

@@ -55,7 +55,7 @@ def _watched(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Fi
         except (Problem, TimeoutError) as problem:
             why = watch.last_error()
             return [Finding(subject.whole(), f"{problem}{f' ({why})' if why else ''}", "it moves",
-                            "docs/errors.md has cause and remedy; mend it, then repeat this stage")]
+                            "docs/errors.md has cause and remedy; fix it, then repeat this stage")]
 
 
 def _moved(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Finding]:
@@ -117,7 +117,7 @@ def _went(bench: RunningBench, subject: Subject, arm: Arm, goal: Floats,
         while handle.is_busy():
             parts.append(bench.sample(subject.io, LOOK_S))
             if parts[-1].stamp_s[-1] - parts[0].stamp_s[0] > TIMEOUT_S:
-                raise Refused(f"{name} is not there after {TIMEOUT_S:g} s")
+                raise Refused(f"{name} did not arrive within {TIMEOUT_S:g} s")
     except Refused as refusal:
         return [Finding(subject.whole(), f"moving {name}: {refusal}", "it arrives",
                         "docs/errors.md has cause and remedy")], Window.joined(parts)
@@ -132,7 +132,7 @@ def judge_tracking(window: Window, subject: Subject) -> list[Finding]:
     errors = np.abs(window.axes("position_error", subject)).max(axis=0)
     return [Finding(subject.where(axis), f"tracking error {errors[axis]:.4f} {subject.unit(axis)} in a slow move",
                     f"{TRACKING * tolerance:.4f} {subject.unit(axis)}",
-                    "is something rubbing, or are gains or scales (effort_to_current) wrong? trocar pid show")
+                    "is there friction, or are gains or scales (effort_to_current) wrong? trocar pid show")
             for axis, tolerance in enumerate(subject.tolerance)
             if tolerance > 0.0 and not errors[axis] <= TRACKING * tolerance]
 
@@ -147,7 +147,7 @@ def judge_arrival(subject: Subject, goal: Floats, measured: Floats, names: list[
         if not abs(measured[joint] - goal[joint]) <= near:
             found.append(Finding(f"{subject.name} {name}", f"{measured[joint]:.4f} {unit} instead of "
                                  f"{goal[joint]:.4f}", f"{near:g} {unit} off at most",
-                                 "is something in its way? Else its gains are too low: trocar pid show"))
+                                 "is there an obstacle? Else its gains are too low: trocar pid show"))
     return found
 
 
@@ -181,4 +181,4 @@ def judge_limit(where: str, past: float, limit: float, slides: bool) -> list[Fin
     if past <= near:
         return []
     return [Finding(where, f"{past:.4f} {unit} beyond its limit", f"{limit:.4f} {unit}",
-                    "tell us, and do not use this arm")]
+                    "report this, and do not use this arm")]

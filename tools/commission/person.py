@@ -77,12 +77,12 @@ class AtTerminal:
     def __init__(self) -> None:
         """Misuse if no terminal is available."""
         if not sys.stdin.isatty():
-            raise Misuse("commissioning asks a person, and here is no terminal; --yes is for emulated boards")
+            raise Misuse("commissioning asks for confirmation, but there is no terminal; --yes is for emulated boards")
 
     def confirm(self, danger: str, word: str) -> None:
         """Announce the next action and have the word typed; Declined if it is not."""
         tell(f"\n{danger}", flush=True)
-        reported = input(f"Type {word} to go on, anything else stops: ").strip()
+        reported = input(f"Type {word} to continue, anything else stops:  ").strip()
         if reported != word:
             raise Declined(f"not confirmed: {reported or 'nothing'!r} was typed, not {word!r}; nothing was switched on")
 
@@ -108,7 +108,7 @@ class AtTerminal:
 
     def doing(self, act: Act, text: str) -> Iterator[None]:
         """Have manual work done: yields while the person is at work, until Enter, or for two minutes."""
-        tell(f"\n{text}\n(Enter when it is done)", flush=True)
+        tell(f"\n{text}\n(press Enter when done)", flush=True)
         end = monotonic_ns() + round(PATIENCE_S * 1e9)
         with contextlib.suppress(GeneratorExit):
             while monotonic_ns() < end:

@@ -34,7 +34,7 @@ def run(bench: RunningBench) -> Outcome:
 def _one(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Finding]:
     answer, window = bench.asked(subject.io, "supply_on", (SUPPLY_S,), subject.name, 2.0)
     if not answer.is_done:
-        return [Finding(subject.whole(), f"io: {answer.text}", "done", "what keeps it from that?")]
+        return [Finding(subject.whole(), f"io: {answer.text}", "done", "what prevents it?")]
     try:
         parts = [window, bench.sample(subject.io, 0.2)]
         while not parts[-1].flags("powered", subject)[-1] and parts[-1].stamp_s[-1] - parts[0].stamp_s[0] < UP_S:
@@ -56,8 +56,8 @@ def judge(window: Window, after: Window, subject: Subject) -> list[Finding]:
     currents = np.abs(window.drives("current", subject)[-len(window) // 4 :]).mean(axis=0)
     for axis in range(len(subject.robot.actuators)):
         if on[:, axis].any():
-            found.append(Finding(subject.where(axis), "its amplifier is on", "off, nobody asked for it",
-                                 "switch the controller off: an amplifier that does not obey must not get power"))
+            found.append(Finding(subject.where(axis), "its amplifier is on", "off, as it was not requested",
+                                 "switch the controller off: an amplifier out of control must not get power"))
         elif currents[axis] > IDLE_A and subject.actuator(axis).maximum_current > 0.0:
             found.append(Finding(subject.where(axis), f"{currents[axis]:.3f} A with its amplifier off",
                                  f"{IDLE_A:g} A at most", "calibrate the current offsets, or the amplifier is broken"))
@@ -68,5 +68,5 @@ def judge(window: Window, after: Window, subject: Subject) -> list[Finding]:
                              "is the emergency stop released, the safety chain plugged in, the supply switched on?"))
     elif after.flags("powered", subject)[-1]:
         found.append(Finding(subject.whole(), "its motor supply stays on after power_off", "off",
-                             "switch the controllers off and look at their relays"))
+                             "switch the controllers off and check their relays"))
     return found

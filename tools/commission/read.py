@@ -73,7 +73,7 @@ def judge_samples(io: str, window: Window, period_s: float) -> list[Finding]:
     found, good, rate = [], float(window.fields["valid"].mean()), rate_of(window)
     if not good >= MIN_VALID:
         found.append(Finding(io, f"{100 * good:.1f} % of its samples are good", f"{100 * MIN_VALID:g} % at least",
-                             "look at cables, hub and network; the logs name the board"))
+                             "check cables, hub and network; the logs name the board"))
     if not abs(rate * period_s - 1.0) <= RATE_WITHIN:
         found.append(Finding(io, f"{rate:.0f} samples a second", f"{1 / period_s:.0f} within {100 * RATE_WITHIN:g} %",
                              "the computer is too slow or too busy: trocar bench io, docs/operating.md, Real time"))
@@ -87,7 +87,7 @@ def judge_rest(window: Window, subject: Subject) -> list[Finding]:
     for axis in range(len(subject.robot.actuators)):
         where = subject.where(axis)
         if on[axis]:
-            found.append(Finding(where, "its amplifier is on", "off, nobody asked for power",
+            found.append(Finding(where, "its amplifier is on", "off, as power was not requested",
                                  "switch the controller's supply off; its amplifier or its cable is broken"))
         found += _pot(window, subject, axis) + _current(window, subject, axis)
     found += _temperature(window, subject)
@@ -100,8 +100,8 @@ def _pot(window: Window, subject: Subject, axis: int) -> list[Finding]:
     if subject.robot.lookup:
         if np.isfinite(position).all():
             return []
-        return [Finding(where, "its potentiometer gives readings that its table does not know", "those of the table",
-                        "is the table of this very arm in use? else its sensor or cable is broken")]
+        return [Finding(where, "its potentiometer gives readings that are not in its table", "those of the table",
+                        "is this arm's own table in use? If so, its sensor or cable is broken")]
     if actuator.potentiometer is None:
         return []
     volts, scale = window.axes("pot_voltage", subject)[:, axis], actuator.potentiometer.bits_to_voltage
@@ -110,17 +110,17 @@ def _pot(window: Window, subject: Subject, axis: int) -> list[Finding]:
     low, high, mean, noise = ends[0] + edge, ends[1] - edge, float(volts.mean()), float(volts.std())
     if not low <= mean <= high:
         return [Finding(where, f"potentiometer {mean:.3f} V", f"{low:.2f} to {high:.2f} V",
-                        "its cable is loose or it is dead: look at plug and cable")]
+                        "its cable is loose or it is dead: check plug and cable")]
     if not noise <= MAX_NOISE_V:
         return [Finding(where, f"potentiometer noise {noise:.3f} V", f"{MAX_NOISE_V:g} V at most",
-                        "a bad contact or a broken shield: look at plug and cable")]
+                        "a bad contact or a broken shield: check plug and cable")]
     lower, upper = subject.range_of(axis)
     room = BEYOND_RANGE * (upper - lower)
     if subject.has_pot(axis) and lower < upper and not lower - room <= position.mean() <= upper + room:
         unit = subject.unit(axis)
         return [Finding(where, f"potentiometer says {position.mean():.4g} {unit}",
                         f"{lower - room:.4g} to {upper + room:.4g} {unit}",
-                        "are these the files of this arm? else its potentiometer is not calibrated (stage calibrate)")]
+                        "are the files this arm's? if so, its potentiometer is not calibrated (stage calibrate)")]
     return []
 
 
@@ -141,7 +141,7 @@ def _temperature(window: Window, subject: Subject) -> list[Finding]:
         return []
     axis = int(np.argmax(bad))
     return [Finding(subject.where(axis), f"amplifier at {celsius[axis]:.1f} °C",
-                    f"{CELSIUS[0]:g} to {CELSIUS[1]:g} °C at rest", "let it cool down, look at its fan and its sensor")]
+                    f"{CELSIUS[0]:g} to {CELSIUS[1]:g} °C at rest", "let it cool down, check its fan and its sensor")]
 
 
 def _by_hand(bench: RunningBench, subject: Subject, outcome: Outcome) -> None:
@@ -159,7 +159,7 @@ def _by_hand(bench: RunningBench, subject: Subject, outcome: Outcome) -> None:
         sign = _first_way(window, subject, axis)
         if not bench.person.agrees(f"{subject.title(axis)} went {sign} first. Is that the way you moved it?"):
             outcome.problems.append(Finding(
-                subject.where(axis), f"went {sign} for its encoder and the other way for the person", "the same way",
+                subject.where(axis), f"went {sign} for its encoder and the other way for the operator", "the same way",
                 "the signs of bits_to_position and voltage_to_position are those of another arm, or plugs are swapped"))
 
 
@@ -167,7 +167,7 @@ def carried(bench: RunningBench, subject: Subject, axis: int, by: float) -> Wind
     """Sensor data while a person moves an axis back and forth; ends when it has moved far enough."""
     far = f"{by * 1e3:.0f} mm" if subject.slides(axis) else f"{np.degrees(by):.0f}°"
     text = (f"Move {subject.title(axis)} by hand, first in its positive direction, by {far} or more, "
-            "and let the others rest.")
+            "and keep the others still.")
     parts = [bench.sample(subject.io, LOOK_S)]
     for _ in bench.person.doing(Carry(subject, axis, by), text):
         parts.append(bench.sample(subject.io, LOOK_S))
@@ -191,7 +191,7 @@ def judge_hand(window: Window, subject: Subject, axis: int, by: float) -> list[F
         other = int(np.argmax(spans / [HAND_M if subject.slides(k) else HAND_RAD for k in range(len(spans))]))
         if other != axis and spans[other] >= by * LEAST:
             return [Finding(where, f"stands still, and {subject.title(other)} moved by {spans[other]:.3f}",
-                            f"{by:g} {unit} of its own", "the encoders of these two axes have each other's plug")]
+                            f"{by:g} {unit} of its own", "the plugs of these two axes' encoders are swapped")]
         if has_pot and pot >= LEAST * by:
             return [Finding(where, f"its encoder stands still, its potentiometer moved by {pot:.3f} {unit}",
                             f"{by:g} {unit}", "the encoder is dead or unplugged")]
@@ -206,7 +206,7 @@ def judge_hand(window: Window, subject: Subject, axis: int, by: float) -> list[F
     if slope < 0.0:
         return [Finding(where, f"encoder and potentiometer go opposite ways ({slope:+.2f})", "the same way",
                         "one of the scales bits_to_position and voltage_to_position has the wrong sign, or a plug "
-                        "is turned round")]
+                        "is reversed")]
     if not abs(slope - 1.0) <= SLOPE_WITHIN:
         return [Finding(where, f"its potentiometer moves {slope:.2f} times as far as its encoder",
                         f"1 within {100 * SLOPE_WITHIN:g} %",
@@ -227,8 +227,8 @@ def _buttons(bench: RunningBench, outcome: Outcome) -> None:
         for place, row in enumerate(bench.document.io(name).digital_inputs):
             parts = [bench.sample(name, LOOK_S)]
             before = bool(parts[0].fields["input"][-1, place])
-            how = "is pressed now: let go and press it again" if before else "press it and let go"
-            for _ in bench.person.doing(Press(row.name, not before), f"{row.name}: {how} (Enter: leave it out)."):
+            how = "is pressed now: release it and press it again" if before else "press and release it"
+            for _ in bench.person.doing(Press(row.name, not before), f"{row.name}: {how} (Enter: skip it)."):
                 parts.append(bench.sample(name, LOOK_S))
                 if parts[-1].fields["input"][-1, place] != before:
                     break

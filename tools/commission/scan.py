@@ -35,7 +35,7 @@ def run(bench: Scanned) -> Outcome:
         if not asks:
             rehearsed = bench.document.emulation is not None
             why = f"in a rehearsal {io.name} drives the boards meanwhile" if rehearsed else driver
-            outcome.notes.append(f"{io.name}: no serial numbers were asked for: {why}")
+            outcome.notes.append(f"{io.name}: serial numbers were not read: {why}")
     return outcome
 
 
@@ -70,7 +70,7 @@ def judge(io: IoConfig, boards: Sequence[FoundBoard]) -> list[Finding]:
         alike = [board for board in boards if board.board == number]
         where = f"{who}, board {number} on {io.name} ({io.port})"
         if not alike:
-            found.append(Finding(where, f"it is not there; found are {there}", f"board {number}",
+            found.append(Finding(where, f"it is missing; found are {there}", f"board {number}",
                                  "is it switched on and plugged in? Its rotary switch says its number"))
             continue
         if len(alike) > 1:

@@ -94,7 +94,7 @@ def judge_stop(window: Window, subject: Subject) -> list[Finding]:
     seconds = stop_s(window, subject)
     if not seconds <= STOP_S:
         return [Finding(subject.whole(), f"its amplifiers went off {seconds:.3f} s after the safety chain",
-                        f"{STOP_S:g} s", "have the controllers looked at before anything else")]
+                        f"{STOP_S:g} s", "have the controllers checked before anything else")]
     return []
 
 
@@ -103,7 +103,7 @@ def judge_stays_off(window: Window, subject: Subject) -> list[Finding]:
     on = window.ever_on(subject)
     if not on.any():
         return []
-    return [Finding(subject.where(int(on.argmax())), "its amplifier came on by itself", "off until a person asks",
+    return [Finding(subject.where(int(on.argmax())), "its amplifier came on by itself", "off until power is requested",
                     "switch the controllers off, and report it with the logs")]
 
 
@@ -158,14 +158,14 @@ def judge_silence(io: IoConfig, boards: Sequence[int], silence: Silence) -> list
     """Whether every board has cut its amplifiers in time."""
     if not io.watchdog_s:
         return [Finding(io.name, "its watchdog is switched off (watchdog_timeout 0)", "0.03 s",
-                        "take watchdog_timeout out of the system file: without it a dead computer leaves motors on")]
+                        "remove watchdog_timeout from the system file: the watchdog cuts motors if the computer fails")]
     limit = f"{io.watchdog_s:g} s"
     found = [Finding(f"{io.name}, board {board}", f"its watchdog did not act within {io.watchdog_s + SLACK_S:g} s",
-                     limit, "this controller must not drive a robot: have it looked at")
+                     limit, "this controller must not drive a robot: have it checked")
              for board in boards if board not in silence.cut_s]
-    found += [Finding(f"{io.name}, board {board}", f"its watchdog was not seen to act before {at:.2f} s had passed",
+    found += [Finding(f"{io.name}, board {board}", f"its watchdog was not confirmed to act within {at:.2f} s",
                       limit, "this computer may have stalled during the check: try again with nothing else running")
               for board, at in silence.cut_s.items() if at > io.watchdog_s + SLACK_S]
     found += [Finding(f"{io.name}, board {board} axis {axis}", "its amplifier stayed on without a host", "off",
-                      "this controller must not drive a robot: have it looked at") for board, axis in silence.still_on]
+                      "this controller must not drive a robot: have it checked") for board, axis in silence.still_on]
     return found

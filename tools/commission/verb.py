@@ -91,7 +91,7 @@ def commission(
     if not subjects_of(document, arm):
         raise Problem(f"{file}: no robot on boards{' of ' + ', '.join(arm) if arm else ''} to commission")
     if write and document.emulation is not None:
-        raise Misuse("--write is for a real robot: a rehearsal measures the emulated one, and its values are not yours")
+        raise Misuse("--write is for a real robot: a rehearsal measures the emulated robot, not yours")
     if yes and document.emulation is None:
         raise Misuse("--yes is for emulated boards: on a real robot a person confirms what powers or moves")
     book = CommissionReport(report or Path(f"commission-{file.stem}.json"), file.name)
@@ -112,7 +112,7 @@ def _refuse_second(system: str) -> None:
     """Problem while another commissioning runs."""
     supervisor = supervisor_of(system)
     if supervisor is not None and (pid := commissioning(supervisor.pid)):
-        raise Problem(f"a commissioning runs already (pid {pid}, system {system}); let it end, or give this one "
+        raise Problem(f"a commissioning runs already (pid {pid}, system {system}); wait until it ends, or choose "
                       "another name with --system")
 
 
@@ -149,7 +149,7 @@ def _due(book: CommissionReport, boards: str, files: str, wanted: str) -> list[C
     row = STAGES[NAMES.index(wanted)]
     if left and STAGES.index(left[0]) < STAGES.index(row):
         raise Problem(f"stage {wanted} comes after {left[0].name}, which has not passed with these files; without "
-                      "--stage it goes on there")
+                      "--stage it continues there")
     return [row]
 
 
@@ -176,8 +176,8 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                       "figures": tried.figures})
             if not tried.passed:
                 if row.real_time and job.boards == "emulated":
-                    note(f"{row.name} measures real time, and was rehearsed {REHEARSALS} times: where other programs "
-                         "keep this computer busy, that alone may have stopped it; end them first")
+                    note(f"{row.name} measures real time, and was rehearsed {REHEARSALS} times: the load of other "
+                         "programs may be the only cause; end them first")
                 if not as_json:
                     tell("\n".join(f"STOP {text}" for text in tried.problems), flush=True)
                 note(f"stage {row.name} stopped, everything is off; {book.path} has what was measured, trocar logs "

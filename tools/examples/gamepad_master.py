@@ -55,7 +55,7 @@ def chosen(package: Any, path: str) -> Device:
         if is_gamepad(device):
             return device
     known = ", ".join(f"{device.path} {device.name}" for device in there)
-    raise Problem(f"no gamepad is there that may be read (member of the group input?); there are: {known or 'none'}")
+    raise Problem(f"no readable gamepad was found (member of the group input?); there are: {known or 'none'}")
 
 
 def drive(master: Provider, pad: Gamepad, hand: GamepadTip, report: Callable[[str], None]) -> None:
@@ -63,7 +63,7 @@ def drive(master: Provider, pad: Gamepad, hand: GamepadTip, report: Callable[[st
     before = master.now_ns
     wired = [button for button in BUTTONS if button in master.buttons]
     if "operator_present" not in wired:
-        report("the console does not take operator_present from here: say in another way that somebody is there")
+        report("the console does not take operator_present from here: show the operator's presence in another way")
     while master.tick():
         try:
             sticks = pad.poll()
@@ -77,7 +77,7 @@ def drive(master: Provider, pad: Gamepad, hand: GamepadTip, report: Callable[[st
 
 
 def gamepad_master(
-    arm: Annotated[str, typer.Option("--arm", help="The arm that it takes the place of.")] = "MTMR",
+    arm: Annotated[str, typer.Option("--arm", help="The arm that it replaces.")] = "MTMR",
     device: Annotated[str, typer.Option("--device", metavar="PATH", help="Default: the first gamepad.")] = "",
     speed: Annotated[float, typer.Option("--speed", min=0.0, max=0.5, help="Stick at its end, m/s.")] = 0.05,
     turn: Annotated[float, typer.Option("--turn", min=0.0, max=5.0, help="Stick at its end, rad/s.")] = 0.7,
@@ -101,7 +101,7 @@ def gamepad_master(
         note(f"{arm} is {found.name}: {HELD}")
         with contextlib.suppress(KeyboardInterrupt):
             drive(master, Gamepad(found), GamepadTip(speed, turn), note)
-    note(f"{arm} is nobody now")
+    note(f"{arm} has no program now")
     return 0
 
 

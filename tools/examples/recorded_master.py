@@ -45,10 +45,10 @@ def play(master: Provider, recording: Recording, pace: float, times: int, held: 
 
 def recorded_master(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV: time, x, y, z, qx, qy, qz, qw, gripper, buttons.")],
-    arm: Annotated[str, typer.Option("--arm", help="The arm that it takes the place of.")] = "MTMR",
+    arm: Annotated[str, typer.Option("--arm", help="The arm that it replaces.")] = "MTMR",
     press: Annotated[list[str] | None, typer.Option("--press", help="A button held down all the time.")] = None,
     pace: Annotated[float, typer.Option("--pace", min=0.01, max=10.0, help="2: twice as fast.")] = 1.0,
-    times: Annotated[int, typer.Option("--times", min=1, help="Play it so often, to and fro.")] = 1,
+    times: Annotated[int, typer.Option("--times", min=1, help="Play it this many times, forwards and backwards.")] = 1,
     rate: Annotated[float, typer.Option("--rate", min=50.0, max=2000.0, help="Records a second.")] = 200.0,
     system: SystemOption = None,
 ) -> int:
@@ -66,7 +66,7 @@ def recorded_master(
             ended = play(master, recording, pace, times, press or [])
         except KeyboardInterrupt:
             ended = True
-    note(f"{arm} is nobody now" if ended else "the system has ended")
+    note(f"{arm} has no program now" if ended else "the system has ended")
     return 0
 
 

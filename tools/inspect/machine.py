@@ -74,13 +74,13 @@ def kernel(root: Path = Path("/")) -> MachineFinding:
     if _text(root / "sys/kernel/realtime") == "1":
         return MachineFinding("kernel", OK, f"{release}, real-time (PREEMPT_RT)")
     mend = "sudo apt-get install linux-image-rt-amd64    # Ubuntu: sudo pro enable realtime-kernel"
-    return MachineFinding("kernel", NOTE, f"{release}, no real-time kernel: now and then milliseconds late", mend)
+    return MachineFinding("kernel", NOTE, f"{release}, no real-time kernel: occasionally late by milliseconds", mend)
 
 
 def compiled(why_not: str) -> MachineFinding:
     """Whether the most expensive parts of io, arms and emulated boards run in C."""
     if not why_not:
-        return MachineFinding("compiled part", OK, "what costs most in io, arms and emulated boards runs in C")
+        return MachineFinding("compiled part", OK, "the costly parts of io, arms and emulated boards run in C")
     found = f"io, arms and emulated boards run on numpy, at two to five times the cost: {why_not}"
     mend = "sudo apt-get install gcc libc6-dev    # then python -m trocar.procs.native.build"
     return MachineFinding("compiled part", NOTE, found, mend)
@@ -139,7 +139,7 @@ def shared_memory(folder: Path = FOLDER) -> MachineFinding:
         return MachineFinding("shared memory", BAD if free_mb < MIN_MB else NOTE, found, mend)
     left = left_over()
     if left:
-        return MachineFinding("shared memory", NOTE, f"{found}; dead systems have left something: {', '.join(left)}",
+        return MachineFinding("shared memory", NOTE, f"{found}; crashed systems have left:  {', '.join(left)}",
                               "; ".join(map(_down, left)))
     return MachineFinding("shared memory", OK, found)
 
@@ -244,7 +244,7 @@ def free_cpu(free: float, busy: Iterable[Busy]) -> MachineFinding:
     most = [row for row in busy if row.percent >= BUSY_PERCENT][:NAMED]
     others = [str(row.pid) for row in most if not (row.system or row.user)]  # no system, and nothing of another user
     own = next((_down(row.system) for row in most if row.system), "top")
-    names = ", ".join(map(str, most)) or "nobody for long"
+    names = ", ".join(map(str, most)) or "no program for long"
     mend = f"renice 19 -p {' '.join(others)}" if others else own
     return MachineFinding("free CPU", BAD if free < 1.0 else NOTE, f"{found}; busy: {names}", mend)
 

@@ -77,7 +77,7 @@ def asked_rows(system: str, instance: str | None, most: int) -> tuple[list[dict[
     """
     rings, found, count = directory.rings(system), [], 0
     if not any(topic == AUDIT for _, topic in rings):
-        raise Problem(f"{system} is down: commands are kept while the system is up; recordings have them: "
+        raise Problem(f"{system} is down: commands are available while the system is up; recordings have them: "
                       "trocar recordings, trocar logs --commands --recording FILE")
     for name, topic in rings:
         if topic == AUDIT and instance in (None, name):

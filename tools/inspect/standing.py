@@ -104,7 +104,7 @@ def _with_what_is_left(one: Standing, process: ProcessStatus, processes: Sequenc
 
 
 def _untaken(process: ProcessStatus) -> str:
-    return "start the program that takes this place" if process.state == NOT_ATTACHED else ""
+    return "start the program for this arm" if process.state == NOT_ATTACHED else ""
 
 
 def _text(reader: RingReader, field: str) -> str:
@@ -216,7 +216,7 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
         return _with_help(unwell[0])
     again = next((process for process in processes if process.restarted_s is not None), None)
     if again is not None:
-        times = f", {again.restarts} times in all" if again.restarts > 1 else ""
+        times = f", {again.restarts} times in total" if again.restarts > 1 else ""
         return (f"{again.name} was restarted {span(again.restarted_s or 0.0)} ago{times}: {again.exit_reason}; "
                 f"trocar logs {again.name} may say why")
     waiting = next((one for one in found if one.person), None)

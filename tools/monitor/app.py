@@ -176,7 +176,7 @@ class InspectorApp(App[None]):
         if self.frozen_ns:
             ago = (monotonic_ns() - self.frozen_ns) * 1e-9
             at = time_of_day(local_ns() - round(ago * 1e9)).partition(".")[0]
-            head.append(f"  FROZEN at {at}, {span(ago)} ago (f goes on)", f"bold {colours.warning}")
+            head.append(f"  FROZEN at {at}, {span(ago)} ago (f: resume)", f"bold {colours.warning}")
         head.append(f"  {seen.words}", colours.good if seen.lives else f"bold {colours.bad}")
         head.append(f"  clock {seen.clock}" if seen.lives else "")
         head.append("\n" + seen.first,

@@ -50,7 +50,7 @@ def need_reader() -> None:
     except (OSError, ValueError):  # no file
         return
     if any(what & select.POLLERR for _, what in output.poll(0)):
-        raise BrokenPipeError("nobody reads the output")
+        raise BrokenPipeError("the output is closed")
 
 
 def emit(*rows: Any) -> None:

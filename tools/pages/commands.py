@@ -28,8 +28,8 @@ before a stop | needs `may_power` on a bridge |
 WORST = {
     Effect.READ: "it answers",
     Effect.SETTING: "it changes how something behaves, or makes it safer",
-    Effect.FREE: "it takes efforts away; an arm may go limp",
-    Effect.RELAX: "it takes a protection away",
+    Effect.FREE: "it removes efforts; an arm may go limp",
+    Effect.RELAX: "it removes a protection",
     Effect.RELEASE: "it releases a brake",
     Effect.MOTION: "something moves",
     Effect.POWER: "something is powered, homed, or gets or loses its controller",

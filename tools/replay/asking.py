@@ -41,7 +41,7 @@ def moves_of(recording: RecordingReader, motions: Sequence[RecordedMotion]) -> R
     taken = tuple(each for each in asked if _is_asked_again(each.name) and start <= each.instant_ns <= end)
     left_out = tuple(_left_out(asked, start, end))
     if not taken:
-        raise Problem("; ".join((f"nobody asked {', '.join(arms)} for a move while homed, in this part of "
+        raise Problem("; ".join((f"there is no move of {', '.join(arms)} while homed, in this part of "
                                  f"{recording.path.name}", *left_out)))
     return RecordedMoves(taken, left_out)
 
@@ -61,7 +61,7 @@ def _left_out(asked: Sequence[RecordedCommand], start: int, end: int) -> Iterato
     others = Counter((each.instance, each.name) for each in asked
                      if not _is_asked_again(each.name) and start <= each.instant_ns <= end)
     for (arm, name), count in others.items():
-        yield f"left out: {count} times {name} to {arm}, which is no move"
+        yield f"left out: {count} times {name} to {arm}, which is not a move"
 
 
 def send_again(system: str, moves: RecordedMoves, motions: Sequence[RecordedMotion], speed: float, say: Say

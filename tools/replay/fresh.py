@@ -86,7 +86,7 @@ def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[Re
     states = {row.instance for row in rows if row.ring == "state" and row.kind in TIMED}
     audits = {row.instance: recording.records(row.name).rows for row in rows if row.ring == AUDIT}
     if missing := sorted(states - set(audits)):
-        raise Problem(f"it has not recorded what {', '.join(missing)} was asked for; record all topics")
+        raise Problem(f"commands to {', '.join(missing)} are not in it; record all topics")
     for instance, asked in audits.items():
         if instance not in out and len(asked) and int(asked["sequence"][0]) > 1:
             raise Problem(f"it begins after {int(asked['sequence'][0]) - 1} commands to {instance}: a run can be "
@@ -95,7 +95,7 @@ def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[Re
             raise Problem(f"commands to {instance} are missing in it")
     commands = [each for each in commands_of(recording) if each.instance not in out]
     usual = [each for each in commands if each.kind in TIMED]
-    notes = [f"{name} is left out: time does not wait for it; what it asked for is repeated" for name in out]
+    notes = [f"{name} is left out: time does not wait for it; its commands are repeated" for name in out]
     if others := sorted({f"{each.instance} {each.name}" for each in commands if each.kind not in TIMED}):
         notes.append(f"not repeated, since time does not wait for them: {', '.join(others)}")
     if again := sorted({row.instance for row in rows if row.kind in TIMED and _writers(row) > 1}):

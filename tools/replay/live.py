@@ -101,7 +101,7 @@ def refuse_real(system: str, arms: Sequence[str], allowed: bool) -> None:
     except KeyError as error:
         raise Problem(f"system {system}: {error.args[0]}") from None
     if real and not allowed:
-        raise Problem(f"{', '.join(real)}: a real robot would move as it was recorded; --real-robot says that it may")
+        raise Problem(f"{', '.join(real)}: a real robot would move as it was recorded; --real-robot allows it")
 
 
 class ArmReplay:
@@ -167,7 +167,7 @@ def at_the_start(system: str, motions: Sequence[RecordedMotion], start_ns: int, 
         held.enter_context(holding_at_end([arm.remote for arm in arms], "the replay"))
         stamp, followers = np.array([start_ns], np.float64), [arm.follower for arm in arms]
         for arm in arms:
-            say(f"moving {arm.motion.arm} to where it began", None)
+            say(f"moving {arm.motion.arm} to its starting pose", None)
             jaw = arm.jaw_at(stamp)
             arm.follower.approach(arm.motion.at(stamp, arm.motion.setpoint)[0], None if jaw is None else float(jaw[0]),
                                   [each for each in followers if each is not arm.follower])

@@ -101,7 +101,7 @@ class Showing(Closable):
             self._held.callback(writer.close)
             self.topics.append(ReplayedTopic(row.name, records, writer, row.rate_hz))
         if not any(len(topic.rows) for topic in self.topics):
-            raise Problem("there is nothing to show: no record in these topics, in this time")
+            raise Problem("there is nothing to show: no records of these topics in this time")
 
     def _remove(self) -> None:
         for parts in names_of(self.system):

@@ -100,7 +100,7 @@ def _changed(each: Series, times: NDArray[np.float64]) -> Iterator[str]:
             shown = in_words(each.field, int(shown))
         yield f"  {time_s:+9.4f} s  {shown if shown != '' else '(empty)'}"
     if len(found) > MAX_CHANGES:
-        yield f"  … and {len(found) - MAX_CHANGES} changes more: --csv has them"
+        yield f"  … and {len(found) - MAX_CHANGES} more changes: --csv has them"
     if not found:
         yield "  no record in this window"
 
@@ -111,9 +111,9 @@ def remarks(capture: Capture) -> Iterator[str]:
         yield f"{topic}: {len(rows)} records"
     for topic, seconds in capture.short.items():
         missing = f"the first {seconds:.3f} s of" if len(capture.rows[topic]) else "all of"
-        yield f"{topic}: its ring keeps no more: {missing} the window are missing"
+        yield f"{topic}: its ring keeps less: {missing} the window are missing"
     for topic, seconds in capture.unseen.items():
-        yield f"{topic}: nothing more came: the last {seconds:.3f} s of the window are missing"
+        yield f"{topic}: no more records came: the last {seconds:.3f} s of the window are missing"
     for gap in capture.gaps:
         at_s = (gap.stamp_ns - capture.moment_ns) * 1e-9
         yield f"{gap.topic}: {gap.lost} records lost behind {at_s:+.4f} s: overwritten before they were read"

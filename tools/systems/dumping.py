@@ -101,11 +101,11 @@ def keep_left_over(system: str, say: Say) -> Path | None:
         kept = dump_by_time(system, names.DIED, "its supervisor died", say)
         remove_older(kept.file)
     except Exception as error:
-        note(f"what {system} left in shared memory is not kept: {error or type(error).__name__}")
+        note(f"the shared memory that {system} left was not saved: {error or type(error).__name__}")
         return None
     for problem in kept.problems:
         note(problem)
-    note(f"system {system} had died; what its rings held is kept in {kept.file}")
+    note(f"system {system} had crashed; its rings were saved to {kept.file}")
     return kept.file
 
 

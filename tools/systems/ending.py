@@ -87,7 +87,7 @@ class _Ending:
         others = instances_of_kind(self.system, "third_party")
         pages = [segment_name(*parts) for parts in names_of(self.system) if parts[2] == "control"
                  and parts[1] not in others]
-        return [f"whoever holds {path_of(page)} (fuser -v)" for page in pages if held(page)]
+        return [f"the holder of {path_of(page)} (fuser -v)" for page in pages if held(page)]
 
     def _left(self, processes: list[RunningProcess]) -> str:
         segments = len(names_of(self.system))

@@ -145,7 +145,7 @@ def chosen_system(name: str | None = None) -> str:
         return up[0]
     if up:
         raise Problem(f"several systems are up: {', '.join(up)}; choose one with --system or TROCAR_SYSTEM")
-    left = f" ({', '.join(known)} died and left shared memory: trocar down clears it)" if known else ""
+    left = f" ({', '.join(known)} crashed and left shared memory: trocar down removes it)" if known else ""
     raise Problem(f"no system is up{left}; trocar up starts one{_of_others()}")
 
 

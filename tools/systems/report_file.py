@@ -104,7 +104,7 @@ def report(system: str, file: Path, most: int, say: Say) -> Reported:
     try:
         document = _document(system)
         made.secrets = tuple(_secrets(system, document))
-        say("looking at this machine", None)
+        say("checking this machine", None)
         made.json("versions.json", _versions())
         made.json("doctor.json", [dataclasses.asdict(finding) for finding in findings()])
         if document:
@@ -127,7 +127,7 @@ def report(system: str, file: Path, most: int, say: Say) -> Reported:
 
 def _contents(made: Report) -> str:
     rows = [f"{size:>12} {name}" for name, size in made.files.items()]
-    return "\n".join([f"What trocar report packed of system {made.system}. Tokens are left out; look through logs of",
+    return "\n".join([f"What trocar report packed of system {made.system}. Tokens are left out; check the logs of",
                       "your own programs before you pass this on.", "", *rows, "", *made.problems, ""])
 
 

@@ -15,7 +15,7 @@ from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def attach(
-    once: Annotated[bool, typer.Option("--once", help="Print it once and leave, as without a terminal.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Print it once and exit, as without a terminal.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

@@ -24,11 +24,11 @@ BENCHES: Final = {
 
 def bench(
     name: Annotated[str, typer.Argument(metavar="NAME", help=f"What to measure: {', '.join(BENCHES)}.")],
-    file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="system: its file; none: ours.")] = None,
+    file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="system: its file; default: ours.")] = None,
     path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
     seconds: Annotated[float, typer.Option(
-        "--seconds", min=0.0, help="teleop, system, bridges, gui, recorder, rl: so long; 0: the usual.")] = 0.0,
+        "--seconds", min=0.0, help="teleop, system, bridges, gui, recorder, rl: seconds; 0: default.")] = 0.0,
     browser: Annotated[bool, typer.Option("--browser", help="gui: also in a real browser, Chromium.")] = False,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="teleop, system: as for up.")] = None,

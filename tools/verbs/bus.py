@@ -86,7 +86,7 @@ def read(
     board: BoardArgument,
     register: RegisterArgument,
     count: Annotated[int, typer.Argument(metavar="COUNT", min=1, max=MAX_REGISTERS,
-                                         help="So many registers from there on.")] = 1,
+                                         help="Number of registers from there.")] = 1,
     as_json: JsonOption = False,
 ) -> int:
     """Read registers: hexadecimal, and what they mean where that is known. Changes nothing, also beside a running io.
@@ -140,7 +140,7 @@ def write(
     wanted, new = None if board.lower() == ALL else _board_id(board), _value(value)
     _one_address(register, None)
     if not yes and not sys.stdin.isatty():
-        raise Misuse("writing asks before it writes, and here is no terminal: --yes writes without asking")
+        raise Misuse("write asks for confirmation, which needs a terminal; --yes writes without asking")
     with BusClient(port) as desk:
         targets = tuple(desk.board(b) for b in ([info.board for info in desk.boards] if wanted is None else [wanted]))
         address = _one_address(register, targets[0] if len(targets) == 1 else None)
@@ -188,7 +188,7 @@ def _announce(address: int, new: int, targets: tuple[FoundBoard, ...], old: dict
 def watch(
     port: PortArgument,
     board: BoardArgument,
-    once: Annotated[bool, typer.Option("--once", help="Print one sample and leave.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Print one sample and exit.")] = False,
     as_json: JsonOption = False,
 ) -> int:
     """Watch one board live, ten times a second; q or Ctrl-C leaves. Refused while a running io drives the bus.
@@ -254,7 +254,7 @@ def _live(desk: BusClient, board: FoundBoard) -> None:
             Live(console=console, screen=console.is_terminal, auto_refresh=False) as live:
         while pressed() not in ("q", "Q"):
             begin = monotonic_ns()
-            live.update(Text(_page(watching.sample(), " (q leaves)")), refresh=True)
+            live.update(Text(_page(watching.sample(), " (q: quit)")), refresh=True)
             pause(max(0.0, PERIOD_S - (monotonic_ns() - begin) * 1e-9 - 0.05))  # `pressed` waits 0.05 s itself
 
 

@@ -20,17 +20,17 @@ MAX_ROWS = 40
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(metavar="A", help="A recording.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Another one.")],
+    a: Annotated[Path, typer.Argument(metavar="A", help="First recording.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Second recording.")],
     topics: TopicsOption = None,
     tolerance: Annotated[list[str] | None, typer.Option(
-        "--tolerance", metavar="[FIELD=]NUMBER[UNIT]", help="What may differ: position=0.1deg, 0.1mm; again for more."),
+        "--tolerance", metavar="[FIELD=]NUMBER[UNIT]", help="Tolerance, e.g. position=0.1deg or 0.1mm; repeatable."),
     ] = None,
     align: Annotated[str, typer.Option("--align", help="Records are paired by stamp, start or sequence.")] = STAMP,
-    common: Annotated[bool, typer.Option("--common", help="Only the time that both have.")] = False,
+    common: Annotated[bool, typer.Option("--common", help="Compare only the time that both have.")] = False,
     begin: FromOption = 0.0,
     end: ToOption = None,
-    picture: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw what differs.")] = None,
+    picture: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="Plot the differences.")] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Say what is different in two recordings, by topic and field: the largest difference, RMS, the first one.
@@ -66,7 +66,7 @@ def show(found: RecordingDifference) -> None:
         columns = ("field", "records", "beyond", "largest", "RMS", "unit", "first at s", "A", "B")
         table("", columns, rows[:MAX_ROWS], ("records", "beyond", "largest", "RMS", "first at s"))
         if len(rows) > MAX_ROWS:
-            tell(f"… and {len(rows) - MAX_ROWS} fields more: --topics, --json")
+            tell(f"… and {len(rows) - MAX_ROWS} more fields: --topics, --json")
     for topic in found.topics:
         for text in _missing(topic):
             tell(f"{topic.name}: {text}")
@@ -79,7 +79,7 @@ def show(found: RecordingDifference) -> None:
     elif not found.topics:
         tell("different: they have no topic in common")
     elif not compared:
-        tell("different: nothing was compared, since no record of one stands beside one of the other")
+        tell("different: nothing was compared, since no record of one pairs with one of the other")
     else:
         bad = [topic.name for topic in found.topics if not topic.is_within]
         same = sum(topic.is_equal for topic in found.topics)

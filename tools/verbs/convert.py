@@ -22,9 +22,9 @@ def convert(
     files: Annotated[list[Path], typer.Argument(
         metavar="FILES...", help="IO and PID XML, .rob, console*.json, old arm files; folders.")],
     to: Annotated[
-        Path | None, typer.Option("--to", metavar="FOLDER", help="Write here, with what needs no change.")
+        Path | None, typer.Option("--to", metavar="FOLDER", help="Folder for all results, also unchanged files.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files that are there and differ.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files that differ.")] = False,
     path: Annotated[
         list[Path] | None, typer.Option("--path", help="The check also looks for named files here.")
     ] = None,

@@ -79,7 +79,7 @@ def demo(
             _bring_up(system, begin, end)
             summary = _operate(system, begin, seconds, end)
         except KeyboardInterrupt:
-            note("stopped before the drawing began")
+            note("stopped before the motion began")
         except (Problem, SegmentError) as problem:
             ended = f"{problem}. The demo ends here, and its system with it"
             summary["problems"].append(ended if background.state() == "RUNNING" else STOPPED)

@@ -16,7 +16,7 @@ from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def down(
-    timeout: Annotated[float, typer.Option("--timeout", min=0.1, help="Seconds to wait for its end.")] = STOP_S,
+    timeout: Annotated[float, typer.Option("--timeout", min=0.1, help="Seconds to wait until it is down.")] = STOP_S,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

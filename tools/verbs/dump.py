@@ -17,7 +17,7 @@ from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def dump(
-    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A new .mcap file; none: among the system's "
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A new .mcap file; default: among the system's "
                                                 "recordings, named after the time.")] = None,
     as_json: JsonOption = False,
     system: SystemOption = None,
@@ -31,7 +31,7 @@ def dump(
     """
     name = chosen_system(system)
     with progress(f"reading {name}") as say:
-        reason = "asked for" if is_up(name) else "its supervisor died"
+        reason = "asked for" if is_up(name) else "its supervisor crashed"
         found = dump_by_time(name, DUMP, reason, say) if file is None else dumped(name, file, reason, say)
     for problem in found.problems:
         note(problem)

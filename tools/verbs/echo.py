@@ -38,9 +38,9 @@ def echo(
     count: Annotated[int, typer.Option("-n", "--count", min=0, help="Exit after this many; 0: never.")] = 0,
     rate: Annotated[float, typer.Option("--rate", min=0.0, help="Records a second at most; 0: every record.")] = 10.0,
     timeout: Annotated[float | None, typer.Option(
-        "--timeout", min=0.0, help="Exit when nothing came for this many seconds.")] = None,
+        "--timeout", min=0.0, help="Exit after this many seconds without a record.")] = None,
     csv: Annotated[str, typer.Option(
-        "--csv", metavar="FILE", help="Write CSV, one row for each record; -: to the output.")] = "",
+        "--csv", metavar="FILE", help="Write CSV, one row per record; -: standard output.")] = "",
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

@@ -31,7 +31,7 @@ FORMATS = (CSV, PARQUET, ROSBAG2)
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
     to: Annotated[str, typer.Option(
-        "--to-folder", "-o", metavar="FOLDER", help="A new one; -: a topic as CSV on our output.")] = "",
+        "--to-folder", "-o", metavar="FOLDER", help="New folder; -: one topic as CSV to standard output.")] = "",
     form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="csv, parquet or rosbag2.")] = CSV,
     topics: TopicsOption = None,
     begin: FromOption = 0.0,
@@ -57,7 +57,7 @@ def export(
         table = RecordingTables(recording, wanted, part, all_of_them=bool(topics))
         if to == STDOUT:
             if len(wanted) != 1:
-                raise Misuse(f"-o -: one topic of {', '.join(every)}; say which with --topics")
+                raise Misuse(f"-o -: one topic of {', '.join(every)}; choose it with --topics")
             table.to_stdout(say)
             return _told(recording.problems)
         if form == PARQUET:

@@ -72,7 +72,7 @@ def hz(
     topics: Annotated[list[str] | None, typer.Argument(
         metavar="[TOPICS]...", help="Topics, or fields of topics; default: every record.")] = None,
     window: Annotated[float, typer.Option("--window", min=0.05, help="Measure for this many seconds.")] = WINDOW_S,
-    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="Write CSV; -: to the output.")] = "",
+    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="Write CSV; -: standard output.")] = "",
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

@@ -36,11 +36,11 @@ MAX_LINES = 100
 
 
 def logs(
-    instance: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One process; none: all of them.")] = None,
+    instance: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One process; default: all.")] = None,
     lines: Annotated[int, typer.Option("-n", "--lines", min=0, help="Newest entries.")] = 20,
-    commands: Annotated[bool, typer.Option("--commands", help="Instead: what was asked for, by whom, and what became "
-                                           "of it; while the system runs.")] = False,
-    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on with what comes.")] = False,
+    commands: Annotated[bool, typer.Option("--commands", help="Commands instead, with sender and outcome; while "
+                                           "the system runs.")] = False,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Follow new entries.")] = False,
     as_json: JsonOption = False,
     recording: RecordingOption = None,
     system: SystemOption = None,

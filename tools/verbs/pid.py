@@ -98,7 +98,7 @@ def _confirm(system: str, robot: str, places: list[int], pairs: list[tuple[str, 
         if not others:
             return
         if monotonic_ns() >= end:
-            raise Problem(f"{robot}: {now.io} answered done, but shows other gains: {', '.join(others)}")
+            raise Problem(f"{robot}: {now.io} answered done, but reports other gains: {', '.join(others)}")
         pause(POLL_S)
 
 
@@ -117,7 +117,7 @@ def _pair(text: str) -> tuple[str, float]:
 
 def save(
     robot: Robot,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A new file, NAME.json.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="New file, NAME.json.")],
     force: Annotated[bool, typer.Option("--force", help="Overwrite FILE; its old content is kept beside it.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,

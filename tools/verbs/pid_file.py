@@ -34,7 +34,7 @@ def save_as(gains: Present, file: Path, *, force: bool) -> SavedPidFile:
     if file.suffix != ".json":
         raise Misuse(f"{file}: a PID file is called NAME.json")
     if file.exists() and not force:
-        raise Problem(f"{file} is there already; --force overwrites it and keeps what it held")
+        raise Problem(f"{file} is there already; --force overwrites it and keeps the old content beside it")
     data, notes = _origin(gains)
     saved = SavedPidFile(_put(gains, data), notes=notes)
     saved.backup = put(file, to_json(data), lambda fresh: _check(gains, fresh))
@@ -100,4 +100,4 @@ def _check(gains: Present, file: Path) -> None:
     same = len(rows) == len(gains.names) and all(
         value_of(row, gain.key) == gains.values[gain.key][axis] for axis, row in enumerate(rows) for gain in GAINS)
     if not same:
-        raise Problem(f"the gains of {gains.robot} cannot be said in a PID file: {problems[0] if problems else file}")
+        raise Problem(f"gains of {gains.robot} cannot be written to a PID file: {problems[0] if problems else file}")

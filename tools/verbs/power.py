@@ -15,8 +15,8 @@ from trocar.tools.systems.find import chosen_system, supervisor_of
 from trocar.tools.systems.processes import commissioning
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
-Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; none: all of the system.")]
-Timeout = Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds for each step; 0: what is usual.")]
+Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; default: all of the system.")]
+Timeout = Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds for each step; 0: the default.")]
 
 
 def power_on(
@@ -59,7 +59,7 @@ def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, syst
     name = chosen_system(system)
     supervisor = supervisor_of(name) if goal != DISABLED else None
     if supervisor is not None and (pid := commissioning(supervisor.pid)):  # a person may have a hand on the arm
-        raise Problem(f"trocar commission (pid {pid}) drives {name}; let it end first, or end it with Ctrl-C")
+        raise Problem(f"trocar commission (pid {pid}) drives {name}; wait until it ends, or stop it with Ctrl-C")
     names = powered_names(name, arms)
     if not names:
         raise Problem(f"system {name} has no arms")

@@ -102,7 +102,7 @@ def _confirmed(what: str, name: str, yes: bool, system: str | None) -> bool:
         typed = f"trocar {what} {name}{f' --system {system}' if system else ''} --yes"
         raise Misuse("\n".join([*lines, f"nothing was done: there is no terminal to ask on; to do it: {typed}"]))
     note("\n".join(lines))
-    if typer.confirm("Go on?", err=True):
+    if typer.confirm("Continue?", err=True):
         return True
     note("nothing was done")
     return False

@@ -20,7 +20,7 @@ HIDDEN = ("sequence", "stamp_ns")
 
 def get(
     name: Annotated[str, typer.Argument(
-        metavar="[NAME]", help="NAME or NAME.property; without it, all there are.")] = "",
+        metavar="[NAME]", help="NAME or NAME.property; default: all.")] = "",
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
@@ -44,9 +44,9 @@ def get(
 
 
 def set_property(
-    name: Annotated[str, typer.Argument(metavar="NAME.PROPERTY", help="Which one.")],
+    name: Annotated[str, typer.Argument(metavar="NAME.PROPERTY", help="Property to set.")],
     value: Annotated[str, typer.Argument(
-        metavar="VALUE", help="Its value from now on, within its bounds: a number, or a text.")],
+        metavar="VALUE", help="New value, within its bounds: a number, or a text.")],
     save: Annotated[bool, typer.Option("--save", help="Keep all of them for the next start.")] = False,
     system: SystemOption = None,
 ) -> int:
@@ -75,7 +75,7 @@ def _number(name: str, value: str) -> float:
     try:
         return float(value)
     except ValueError:
-        raise Misuse(f"{name}: {value} is no number") from None
+        raise Misuse(f"{name}: {value} is not a number") from None
 
 
 def _owners(system: str) -> list[str]:

@@ -32,16 +32,16 @@ SHOWN: Final = ("name", "path", "passed_s", "bytes", "messages", "lost", "proble
 
 @ended_as_by_ctrl_c()
 def record(
-    name: Annotated[str, typer.Argument(metavar="[NAME]", help="What it is called; its file is NAME-TIME.mcap.")] = "",
+    name: Annotated[str, typer.Argument(metavar="[NAME]", help="Its name; the file is NAME-TIME.mcap.")] = "",
     topics: Annotated[list[str] | None, typer.Argument(
         metavar="[TOPICS]...",
-        help="Topics, or instances with all that they write; none: all arms, io and consoles.")] = None,
+        help="Topics, or instances with all their topics; default: all arms, io and consoles.")] = None,
     seconds: Annotated[float, typer.Option(
-        "--for", min=0.0, max=86400.0, help="So many seconds of the system's time; 0: until Ctrl-C.")] = 0.0,
+        "--for", min=0.0, max=86400.0, help="Seconds of the system's time; 0: until Ctrl-C.")] = 0.0,
     stop: Annotated[bool, typer.Option("--stop", help="End the recording of this name that is under way.")] = False,
     detach: Annotated[bool, typer.Option("--detach", help="Return when it has begun; --stop ends it.")] = False,
     keep: Annotated[bool, typer.Option(
-        "--keep", help="Keep the last minutes and all rings in a file now, as after a fault; NAME is why.")] = False,
+        "--keep", help="Save the last minutes and all rings now, as after a fault; NAME is the reason.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
@@ -144,7 +144,7 @@ def _watch(remote: Remote, number: int, state: RingReader, name: str, seconds: f
             if said:
                 return said[0]
             if problem := next((reply.text for reply in replies if reply.outcome in ENDINGS), recorder.problem()):
-                raise Problem(f"{problem}; what was recorded until then is in {path}")
+                raise Problem(f"{problem}; the recording up to then is in {path}")
             if found.get("name") == name:
                 say(_in_words(found), min(1.0, found["passed_s"] / seconds) if seconds else None)
                 if as_json and monotonic_ns() >= line_ns:

@@ -30,16 +30,16 @@ SPEEDS = 0.01, 100.0
 @ended_as_by_ctrl_c()
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
-    arms: Annotated[list[str] | None, typer.Option("--arms", metavar="ARM", help="Only these; again for more.")] = None,
-    commands: Annotated[bool, typer.Option("--commands", help="What arms were asked for instead.")] = False,
+    arms: Annotated[list[str] | None, typer.Option("--arms", metavar="ARM", help="Only this arm; repeatable.")] = None,
+    commands: Annotated[bool, typer.Option("--commands", help="Replay moves instead of setpoints.")] = False,
     name: Annotated[str, typer.Option("--as", metavar="NAME", help="Show the records as a system of this name.")] = "",
-    fresh: Annotated[bool, typer.Option("--fresh", help="Start it anew, ask for the same, compare.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Repeat the run in a new system and compare.")] = False,
     into: Annotated[Path | None, typer.Option("--into", metavar="FILE.mcap", help="With --fresh: the new run.")] = None,
-    speed: Annotated[float, typer.Option("--speed", help="Of what was recorded: 0.5 takes twice as long.")] = 1.0,
+    speed: Annotated[float, typer.Option("--speed", help="Speed factor: 0.5 takes twice as long.")] = 1.0,
     topics: TopicsOption = None,
     begin: FromOption = 0.0,
     end: ToOption = None,
-    real: Annotated[bool, typer.Option("--real-robot", help="A robot that is not emulated may move so.")] = False,
+    real: Annotated[bool, typer.Option("--real-robot", help="Allow motion of a robot that is not emulated.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

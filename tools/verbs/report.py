@@ -15,10 +15,10 @@ from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def report(
-    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A new .tar.gz file; none: here, named after "
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A new .tar.gz file; default: here, named by "
                                                 "system and time.")] = None,
-    recordings: Annotated[float, typer.Option("--recordings", min=0.0, metavar="MB", help="Of recordings take so much "
-                                              "at most, the newest.")] = 200.0,
+    recordings: Annotated[float, typer.Option("--recordings", min=0.0, metavar="MB", help="Maximum size of all "
+                                              "recordings, newest first.")] = 200.0,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

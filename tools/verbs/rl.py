@@ -33,9 +33,9 @@ def rollout(
     options: Annotated[list[str] | None, typer.Option(
         "--option", "-o", metavar="KEY=VALUE", help="An option of the environment; JSON, or text.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the first episode; then counted up.")] = 0,
-    address: Annotated[str, typer.Option("--address", help="Address of a running cluster; auto: the one here.")] = "",
+    address: Annotated[str, typer.Option("--address", help="Address of a running cluster; auto: the local one.")] = "",
     save: Annotated[Path | None, typer.Option(
-        "--save", metavar="FOLDER", help="A new one, for what is observed and done: a numpy file an episode.")] = None,
+        "--save", metavar="FOLDER", help="New folder for observations and actions: a numpy file per episode.")] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Run episodes and print the results. The same seed gives the same hash on every machine.

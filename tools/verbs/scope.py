@@ -28,20 +28,20 @@ MIN_WIDTH, MAX_WIDTH = 40, 160
 
 
 def scope(
-    fields: Annotated[list[str], typer.Argument(metavar="FIELD…", help="As PSM1/measured_js.velocity[0] or [0:3].")],
-    when: Annotated[str, typer.Option("--when", metavar="CONDITION", help="What to wait for; none: take it now.")] = "",
+    fields: Annotated[list[str], typer.Argument(metavar="FIELD…", help="E.g. PSM1/measured_js.velocity[0] or [0:3].")],
+    when: Annotated[str, typer.Option("--when", metavar="CONDITION", help="Trigger; default: capture now.")] = "",
     before: Annotated[float | None, typer.Option(
-        "--before", min=0.0, max=MAX_S, help="Seconds before the moment; without --when: the last so many. 0.5, 1.")
+        "--before", min=0.0, max=MAX_S, help="Seconds before the event (0.5); without --when, the last seconds (1).")
         ] = None,
     after: Annotated[float | None, typer.Option(
-        "--after", min=0.0, max=MAX_S, help="Seconds after the moment. 0.5.")] = None,
+        "--after", min=0.0, max=MAX_S, help="Seconds after the event (0.5).")] = None,
     timeout: Annotated[float | None, typer.Option(
-        "--timeout", min=0.0, help="Exit code 1 when it did not happen within so many seconds of real time.")] = None,
+        "--timeout", min=0.0, help="Exit code 1 if it does not happen within this many seconds of real time.")] = None,
     past: Annotated[bool, typer.Option(
-        "--past", help="The last time it happened in what the rings keep; of a dead system always.")] = False,
-    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="Every record as CSV; -: on the output.")] = "",
-    png: Annotated[str, typer.Option("--png", metavar="FILE", help="A picture; needs matplotlib.")] = "",
-    height: Annotated[int, typer.Option("--height", min=3, max=40, help="Lines of each plot on the terminal.")] = 6,
+        "--past", help="Show its last occurrence in the rings; after a crash, always.")] = False,
+    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="Every record as CSV; -: standard output.")] = "",
+    png: Annotated[str, typer.Option("--png", metavar="FILE", help="A PNG plot; needs matplotlib.")] = "",
+    height: Annotated[int, typer.Option("--height", min=3, max=40, help="Lines per plot on the terminal.")] = 6,
     as_json: JsonOption = False,
     recording: RecordingOption = None,
     begin: FromOption = 0.0,

@@ -65,7 +65,7 @@ def _table(path: Path) -> Array:
         raise Problem(f"{path}: there are no rows")
     widths = {len(row) for row in rows}
     if len(widths) > 1:
-        raise Problem(f"{path}: rows have {min(widths)} to {max(widths)} columns; all must have as many")
+        raise Problem(f"{path}: rows have {min(widths)} to {max(widths)} columns; all must have the same number")
     return np.array(rows)
 
 

@@ -51,7 +51,7 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
             tell(f"{text}; trocar doctor names the remedy")
         table("", standing.COLUMNS, [standing.cells(one) for one in found])
         if recorded:
-            tell(f"what led to it was recorded: {recorded}")
+            tell(f"a recording of the time before it: {recorded}")
         tell(in_a_line(processes, found))
     return 1 if any(process.problem for process in processes) or any(one.is_fault for one in found) else 0
 

@@ -28,11 +28,11 @@ SHOWN_EVERY = 20
 def stream(
     arm: Annotated[str, typer.Argument(metavar="ARM", help="A homed arm.")],
     file: Annotated[Path, typer.Argument(
-        metavar="FILE", help="CSV; in each row positions of all joints and the jaw, "
-        "then, if you have them, their velocities, then their efforts; rad, m.")],
+        metavar="FILE", help="CSV; each row has positions of all joints and the jaw, "
+        "then optionally their velocities, then their efforts; rad, m.")],
     rate: Annotated[float, typer.Option("--rate", min=1.0, max=1500.0, help="Rows a second.")] = 200.0,
     seconds: Annotated[float, typer.Option(
-        "--for", min=0.0, help="Stop after so many seconds of the system's time; 0: all rows.")] = 0.0,
+        "--for", min=0.0, help="Stop after this many seconds of the system's time; 0: all rows.")] = 0.0,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

@@ -54,7 +54,7 @@ def up(
     request = StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()), values, seconds)
     refuse_shortage()
     refuse_taken(system)
-    with progress(f"keeping what {system} left") as say:
+    with progress(f"saving the memory that {system} left") as say:
         keep_left_over(system, say)
     if not detach:
         sys.stdout.flush()

@@ -221,7 +221,7 @@ def test_what_was_computed_on_demand_in_one_of_them_is_left_out(tmp_path: Path) 
         with path.open("wb", buffering=0) as stream:
             written(stream, {("PSM1", "state"): (schema, each)})
     found = run(*paths)
-    assert found.returncode == 0 and "not wanted all the time: PSM1/state.body_measured_cf" in found.stdout
+    assert found.returncode == 0 and "not requested all the time: PSM1/state.body_measured_cf" in found.stdout
     other["body_measured_cf"] = 1.0
     with paths[1].open("wb", buffering=0) as stream:
         written(stream, {("PSM1", "state"): (schema, other)})

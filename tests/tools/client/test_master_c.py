@@ -70,4 +70,4 @@ def test_a_program_in_c_is_a_master(world: World, made: Callable[..., Place], pr
 def test_it_says_what_is_wrong_with_a_place(world: World, made: Callable[..., Place], program: Path) -> None:
     place = made()
     assert "is the system up?" in refused(program, place.name, "MTML")
-    assert "PSM1 is not a place for a program of yours" in refused(program, place.name, "PSM1")
+    assert "PSM1 is not a place for your own program" in refused(program, place.name, "PSM1")

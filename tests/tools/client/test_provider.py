@@ -177,7 +177,7 @@ def test_what_it_does_not_carry_out_is_refused_in_plain_words(place: Place) -> N
         assert early.outcome == "refused" and "has just started" in early.text
         reply = place.ask(master, "move_cp", (0, 0, 0, 0, 0, 0, 1))
         assert reply.outcome == "refused"
-        assert reply.text == "move_cp: MTMR is mine, a program that does not carry out move_cp"
+        assert reply.text == "move_cp: MTMR is mine, a program that does not support move_cp"
         assert place.ask(master, "state_command", (), "home").outcome == "done", "it is"
         assert "does not carry out state_command disable" in place.ask(master, "state_command", (), "disable").text
 
@@ -231,7 +231,7 @@ def test_a_place_is_taken_once_and_a_second_program_hears_at_once_by_whom(place:
             with pytest.raises(trocar.Problem, match=said):
                 trocar.provide("MTMR", place.name, timeout=60.0)
             master.write(np.eye(4))
-    with pytest.raises(TimeoutError, match="no place for a program of yours PSM1; there are: MTMR"):
+    with pytest.raises(TimeoutError, match="no place for your own program PSM1; there are: MTMR"):
         trocar.provide("PSM1", place.name, timeout=0.0)
     trocar.provide("MTMR", place.name).close()
 
@@ -264,7 +264,7 @@ def test_what_a_program_shows_has_an_age_when_it_is_silent_and_none_before_it_ca
         rows = [dataclasses.replace(row, problem=problem) for row in statuses(place.name) if row.name == "MTMR"]
         return standings(place.name, rows)[0]
 
-    assert cells(shown())[1:] == ("–", "–", "start the program that takes this place")
+    assert cells(shown())[1:] == ("–", "–", "start the program for this arm")
     with trocar.provide("MTMR", place.name) as master:
         master.write(np.eye(4))
         assert cells(shown())[1] == "ENABLED" and re.fullmatch(r"ENABLED, .* s ago", cells(shown("silent"))[1])
@@ -392,7 +392,7 @@ def test_a_declared_one_has_commands_of_its_own_besides_those_of_its_place(
     assert master.tick() and master.mode == "fine"
     replies = [(reply.outcome, reply.text) for reply in client.poll()]
     assert replies == [("done", "mode fine"), ("refused", "servo_cp: not there"),
-                       ("refused", "move_cp: MTMR is mine, a program that does not carry out move_cp")]
+                       ("refused", "move_cp: MTMR is mine, a program that does not support move_cp")]
     master.master.write(np.eye(4))
     master.master.close()
     assert ring.newest() and ring.field("reference_valid") and master.own.page.state == "RUNNING", "it ends by itself"

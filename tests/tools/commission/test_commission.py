@@ -89,14 +89,14 @@ def test_a_rehearsal_is_in_simulated_time_but_where_a_watchdog_is_measured(kinem
 
 
 def test_a_stage_in_real_time_is_rehearsed_again_and_says_that_a_busy_computer_may_stop_it(kinematic) -> None:
-    kinematic["stop"] = Outcome([Finding("IO1, board 6", "its watchdog did not act", "0.03 s", "have it looked at")])
+    kinematic["stop"] = Outcome([Finding("IO1, board 6", "its watchdog did not act", "0.03 s", "have it checked")])
     stopped = _run()
     assert stopped.exit_code == 1 and ran == ["scan", "read", "power", "axis", *["stop"] * verb.REHEARSALS]
-    assert "other programs keep this computer busy" in " ".join(stopped.output.split())
+    assert "the load of other programs" in " ".join(stopped.output.split())
     assert len([row for row in _tries() if row["stage"] == "stop"]) == 1
     kinematic.clear()
     kinematic["home"] = Problem("PSM1: tracking")
-    assert "keep this computer busy" not in _run().output
+    assert "the load of other programs" not in _run().output
 
 
 def test_a_rerun_goes_on_at_the_stage_that_stopped(kinematic) -> None:
@@ -157,7 +157,7 @@ def test_what_the_system_says_is_a_finding_like_any_other(kinematic) -> None:
 
 
 def test_what_stopped_comes_last_but_one_and_what_to_do_last(kinematic) -> None:
-    kinematic["stop"] = Outcome([Finding("IO1, board 6", "its watchdog did not act", "0.03 s", "have it looked at")])
+    kinematic["stop"] = Outcome([Finding("IO1, board 6", "its watchdog did not act", "0.03 s", "have it checked")])
     *_, stop, to_do = _run().output.splitlines()
     assert stop.startswith("STOP IO1, board 6") and "run the same command again" in to_do
 

@@ -42,7 +42,7 @@ def _board(number: int, **changes) -> FoundBoard:
 
 
 @pytest.mark.parametrize(("boards", "says"), [
-    ([_board(6)], "PSM1, board 7 on IO1 (udp:127.0.0.16): it is not there; found are 6; allowed: board 7"),
+    ([_board(6)], "PSM1, board 7 on IO1 (udp:127.0.0.16): it is missing; found are 6; allowed: board 7"),
     ([_board(6), _board(7), _board(7, node=3)], "2 boards have this number; allowed: one; set every rotary switch"),
     ([_board(6), _board(7, hardware="DQLA")], "board 7 on IO1 (udp:127.0.0.16): it is a DQLA; allowed: QLA1"),
     ([_board(6), _board(7, firmware=5)], "firmware Rev 5; allowed: Rev 7, 8, 9; update its firmware"),
@@ -159,7 +159,7 @@ def test_boards_that_do_not_cut_by_themselves_are_named(bench: RigBench) -> None
     assert "IO1, board 7: its watchdog did not act within 0.08 s; allowed: 0.03 s" in reported[0]
     assert "IO1, board 7 axis 2: its amplifier stayed on without a host" in reported[1]
     (late,) = stop.judge_silence(io, (6, 7), stop.Silence({6: 0.031, 7: 3.0}, ()))
-    assert "IO1, board 7: its watchdog was not seen to act before 3.00 s had passed; allowed: 0.03 s" in str(late)
+    assert "IO1, board 7: its watchdog was not confirmed to act within 3.00 s; allowed: 0.03 s" in str(late)
     off = dataclasses.replace(io, watchdog_s=0.0)
     assert "its watchdog is switched off" in str(stop.judge_silence(off, (6, 7), stop.Silence({}, ()))[0])
 

@@ -61,7 +61,7 @@ def test_a_master_that_weighs_something_is_supported_while_its_motors_are_tried(
     (lambda b: b.faults.jam("PSM1", 0, True), "PSM1 axis 0", "is it stuck"),
     (lambda b: b.faults.scale_encoder("PSM1", 0, 1.3), "PSM1 axis 0", "0.77 times as far as its encoder"),
     (lambda b: b.faults.scale_encoder("PSM1", 0, -1.0), "PSM1 axis 0", "go opposite ways (-1.00)"),
-    (lambda b: setattr(b.person, "says", False), "PSM1 axis 0", "the other way for the person"),
+    (lambda b: setattr(b.person, "says", False), "PSM1 axis 0", "the other way for the operator"),
 ])
 def test_what_is_read_stops_at_sensors_that_are_wrong(breaks: Break, where: str, says: str) -> None:
     bench = RigBench("demo.yaml")
@@ -97,7 +97,7 @@ def test_a_potentiometer_far_outside_the_limits_is_that_of_other_files() -> None
     window.fields["pot_position"][:, 1] += 1.5
     (found,) = read.judge_rest(window, subject)
     assert "PSM1 axis 1 (pitch), board 6: potentiometer says 1." in str(found)
-    assert "allowed: -1.203 to 1.203 rad; are these the files of this arm?" in str(found)
+    assert "allowed: -1.203 to 1.203 rad; are the files this arm's?" in str(found)
 
 
 def test_a_noisy_potentiometer_has_a_bad_contact() -> None:
@@ -123,15 +123,15 @@ def test_relays_without_a_supply_stop(breaks: Break, where: str, says: str) -> N
     ("demo.yaml", lambda b: b.faults.scale_encoder("PSM1", 0, -1.0), "PSM1 axis 0 (yaw), board 6",
      "allowed: the positive direction; the sign of current_to_bits or of bits_to_position is wrong"),
     ("demo.yaml", lambda b: b.faults.swap_motors("PSM1", 0, 1), "PSM1 axis 0 (yaw), board 6",
-     "PSM1 axis 1 (pitch) moves in its place; allowed: it moves itself; motors or encoders of axes 0 and 1"),
+     "PSM1 axis 1 (pitch) moves in its place; allowed: it moves itself; the motor or encoder plugs of axes 0 and 1"),
     ("demo.yaml", lambda b: b.faults.jam("PSM1", 0, True), "PSM1 axis 0 (yaw), board 6",
      " A; allowed: 0.035 rad; is it stuck or at a stop?"),
     ("demo.yaml", lambda b: b.faults.kill_pot("PSM1", 0, True), "PSM1 axis 0 (yaw), board 6",
      "the potentiometer is dead, loose, or that of another axis"),
-    ("demo.yaml", lambda b: setattr(b.person, "says", False), "PSM1 axis 0 (yaw), board 6", "the person says"),
+    ("demo.yaml", lambda b: setattr(b.person, "says", False), "PSM1 axis 0 (yaw), board 6", "the operator saw"),
     ("demo.yaml", lambda b: b.faults.fail_amplifier("PSM1", 0, True), "", "power_on"),
     ("demo-ecm.yaml", lambda b: b.faults.jam("ECM", 0, True), "ECM axis 0 (yaw), board 4",
-     "its brake does not let go, or it is stuck"),
+     "its brake does not release, or it is stuck"),
 ])
 def test_one_motor_at_a_time_stops_at_what_moves_wrongly(file: str, breaks: Break, where: str, says: str) -> None:
     bench = RigBench(file)

@@ -228,7 +228,7 @@ def test_an_arm_that_somebody_else_has_moved_is_not_begun_with(arm: PlayedArm) -
         follower.must_be_there()
         arm.setpoint = START + (0, 0, 0.002, 0, 0, 0)
         arm.show()
-        with pytest.raises(Problem, match=r"somebody else has moved it from where it begins \(insertion\)"):
+        with pytest.raises(Problem, match=r"another program has moved it from the starting pose \(insertion\)"):
             follower.must_be_there()
 
 
@@ -250,4 +250,4 @@ def test_each_arm_is_asked_to_hold_whatever_becomes_of_the_others(capsys: pytest
     with pytest.raises(Problem, match=r"stalled for 2 s: the replay has ended"), holding_at_end(remotes, "the replay"):
         raise HeldUp("stalled for 2 s")
     assert [remote.asked for remote in remotes] == [["hold"]] * 3
-    assert "PSM2 could not be asked to hold: no room" in capsys.readouterr().err
+    assert "PSM2 could not be commanded to hold: no room" in capsys.readouterr().err

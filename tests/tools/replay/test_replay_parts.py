@@ -92,8 +92,8 @@ def test_only_moves_of_the_homed_stretch_are_asked_for_again(tmp_path: Path) -> 
         assert [each.name for each in moves.commands] == ["move_jr", "jaw/move_jp", "hold"]
         assert {text for text in moves.left_out if "outside" in text} == {
             "left out: 2 commands to PSM1 outside the time in which all arms are homed"}
-        assert all(any(f" {name} to PSM1, which is no move" in text for text in moves.left_out) for name in others)
-        with pytest.raises(Problem, match="nobody asked PSM1 for a move while homed"):
+        assert all(any(f" {name} to PSM1, which is not a move" in text for text in moves.left_out) for name in others)
+        with pytest.raises(Problem, match="there is no move of PSM1 while homed"):
             moves_of(found, [motion_of(found, "PSM1", Stretch(20 * PERIOD))])
 
 

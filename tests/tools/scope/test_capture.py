@@ -263,7 +263,7 @@ def test_what_did_not_come_at_the_end_of_a_window_is_told(
     with opened(played, f"{FIELD} > 0.5") as capturing:
         found = capturing.wait(0.0, 0.25, 30.0)
     assert found is not None and found.unseen == {"PSM1/state": pytest.approx(0.25)}
-    assert "PSM1/state: nothing more came: the last 0.250 s of the window are missing" in remarks(found)
+    assert "PSM1/state: no more records came: the last 0.250 s of the window are missing" in remarks(found)
     assert as_json(found, "", 0.0, 0.25)["missing_after_s"] == found.unseen
 
 

@@ -84,7 +84,7 @@ class ValuesPage(InspectorPage):
         if self._problem or values is None:
             return f"{self._topic}: {self._problem}" if self._problem else self._topic
         age = "no record yet" if values.age_s is None else f"record {values.sequence}, {span(values.age_s)} old"
-        wanted = ", on demand: wanted" if values.is_wanted else ", on demand: not wanted (w)" * values.has_groups
+        wanted = ", on demand: requested" if values.is_wanted else ", on demand: not requested (w)" * values.has_groups
         return f"{values.topic}: {age}{wanted}" + (f"; {values.problem}" if values.problem else "")
 
     def read(self, seen: Overview) -> Values | None:
@@ -118,8 +118,8 @@ class ValuesPage(InspectorPage):
         path = row.key if "." in row.key else f"{self.read_once.topic}.{row.key}"
         lines = [f"{path}: {row.text}" if row.text else path]
         if row.state == "not computed":
-            return [*lines, "nobody wants it, so it is not computed: w has it computed for us"]
-        return [*lines, "Enter shows each cell, or all in one line"] if row.size > 1 else lines
+            return [*lines, "not requested, so not computed: press w to request it"]
+        return [*lines, "Enter: each cell, or all in one line"] if row.size > 1 else lines
 
     def action_step(self, by: int) -> None:
         """The next topic, or the one before."""
