@@ -132,7 +132,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    ros=Ros("joint positions")),
         CommandRow("servo_jv", MOTION, "go at these joint velocities until 0.1 s after the last such command",
                    (VELOCITY,), stream="position", ros=Ros("joint velocities", newest=True)),
-        CommandRow("servo_jf", MOTION, "apply these joint efforts, for arm.effort_timeout_s; zeros for ever", (EFFORT,),
+        CommandRow("servo_jf", MOTION, "apply these joint efforts, for arm.effort_timeout_s; zeros forever", (EFFORT,),
                    effect_of_zero=FREE, stream="effort", ros=Ros("joint efforts", newest=True)),
         CommandRow("servo_cp", MOTION, "follow this tip pose now", (POSE, TWIST), stream="position",
                    ros=Ros("pose", newest=True)),

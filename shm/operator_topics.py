@@ -132,7 +132,7 @@ GUI_STATE = Topic(
     depth=64,
     fields=(
         Field("browsers", "<u4", "", "pages that are connected"),
-        Field("watching", "<u4", "", "of those, that are seen and want data"),
+        Field("watching", "<u4", "", "of those, that are visible and request data"),
         Field("controlling", "S40", "", "address and port of the browser that has control, empty: none"),
         Field("sent", "<u8", "", "messages with data sent since start"),
         Field("lost", "<u8", "", "of those, that slow browsers did not get"),

@@ -263,6 +263,11 @@ LEFT = re.compile(r"set-point|time-out|tele-operation|set-up joint|set-up arm|"
 SAYS_OLD_WORDS = ("tests/test_house.py", "tools/verbs/send.py", "tests/boards/test_board_commands.py")
 
 
+UNPLAIN = re.compile(r"\b(?:nobody|somebody|anybody|whoever|(?:is|are|was|were) told|goes on|(?:begins?|began) anew|"
+                     r"held up|let go|not beaten|bears|came to nothing|asked for|of (?:ours|yours)|is seen|so many|"
+                     r"for ever)\b", re.IGNORECASE)
+
+
 def test_no_class_name_stands_for_two_things() -> None:
     for folders in (("procs", "shm", "tools"), ("tests",)):
         places: dict[str, list[str]] = {}
@@ -280,3 +285,14 @@ def test_words_that_left_do_not_come_back() -> None:
     found = {relative(path): words for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *files)
              if relative(path) not in SAYS_OLD_WORDS and (words := LEFT.findall(path.read_text(encoding="utf-8")))}
     assert not found, "docs/glossary.md says what is said now"
+
+
+def test_texts_for_users_are_plain_english() -> None:
+    def unplain(path: Path) -> set[str]:
+        prose = {id(node.value) for node in nodes_of(path) if isinstance(node, ast.Expr)}  # docstrings
+        return {node.value for node in nodes_of(path) if isinstance(node, ast.Constant) and isinstance(node.value, str)
+                and id(node) not in prose and UNPLAIN.search(node.value)}
+
+    each_keeps_to(unplain)
+    each_keeps_to(lambda path: UNPLAIN.findall(path.read_text(encoding="utf-8")),
+                  (ROOT / "procs" / "gui" / "static").glob("*.js"))

@@ -24,7 +24,7 @@ MAX_LENGTH: Final = 200
 PATH: Final = re.compile(r"(?P<topic>[\w-]+(?:/[\w-]+)+)"
                          r"(?:\.(?P<field>[A-Za-z_][\w/-]*)(?P<indices>(?:\[[^\[\]]*\])*))?", re.ASCII)
 INDEX: Final = re.compile(r"(?P<one>-?\d{1,6})|(?P<first>-?\d{0,6}):(?P<end>-?\d{0,6})", re.ASCII)
-MEANT: Final = "a field is written as PSM1/measured_js.position[0] or [0:3]; trocar list -v shows what there is"
+MEANT: Final = "a field is written as PSM1/measured_js.position[0] or [0:3]; trocar list -v shows all fields"
 PIECES: Final = {
     "cp": {"position": ("pose", slice(0, 3)), "orientation": ("pose", slice(3, 7))},
     "cv": {"linear": ("twist", slice(0, 3)), "angular": ("twist", slice(3, 6))},
@@ -119,7 +119,7 @@ def cells_of(entry: TopicEntry, path: FieldPath, record: NDArray[Any]) -> FieldC
     `record`: its newest record (1,), which has the number of joints for an arm's views.
     """
     if entry.kind == EVENT:
-        raise BadPath(f"{path.text}: {entry.name} is an event, without fields of its own; take "
+        raise BadPath(f"{path.text}: {entry.name} is an event, without fields; use "
                       f"{entry.instance}/events.{path.field or 'value'}")
     field, places, constants = _found(entry, path, record)
     numbered = np.arange(places.size, dtype=np.intp).reshape(places.shape)

@@ -68,9 +68,9 @@ LOOPS: Final[dict[str, type[runtime.Loop]]] = {
 
 
 def made(node: HostedNode, boards: HostedBoards | None) -> runtime.Loop:
-    """The loop of a node; HostError for a kind that needs a process of its own."""
+    """The loop of a node; HostError for a kind that needs a separate process."""
     if node.kind == "io":
         return HostedIo(node, boards)
     if node.kind not in LOOPS:
-        raise HostError(f"{node.name}: a {node.kind} needs a process of its own")
+        raise HostError(f"{node.name}: a {node.kind} needs a separate process")
     return LOOPS[node.kind](node)

@@ -128,7 +128,7 @@ class AttachedRobot(RobotBackend):
         link, model = self.links[number], self.models[number]
         link.look()
         if self.now_ns() - link.stamp_ns > FRESH_NS:
-            return f"{link.name} does not show its state any more"
+            return f"{link.name} no longer publishes its state"
         if link.problem:
             return link.problem
         if asked := self._others[number].look():
@@ -147,7 +147,7 @@ class AttachedRobot(RobotBackend):
         """Changes to an arm that we did not command; its clutch, for example, leaves no trace in the audit."""
         link, model, way = self.links[number], self.models[number], self._ways[number]
         if link.carried != model.carried:
-            return f"{link.name} carries {link.carried or 'nothing'}, not {model.carried} any more"
+            return f"{link.name} carries {link.carried or 'nothing'}, no longer {model.carried}"
         if not way.has_begun:
             return ""
         if link.is_busy:
@@ -174,7 +174,7 @@ class AttachedRobot(RobotBackend):
             if why := self.look(number):
                 self._give_up(why)
             if link.is_busy:
-                raise RobotStopped(f"{link.name} is {link.doing}, which we did not request; begin when it stands")
+                raise RobotStopped(f"{link.name} is {link.doing}, which we did not request; begin once it is at rest")
             self._slowly(number, start, model.has_jaw)
             self._stands(number)
         self.check()

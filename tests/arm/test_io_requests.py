@@ -80,12 +80,12 @@ def test_power_that_a_person_takes_back_is_not_asked_for_again() -> None:
     harness.io.never_powers = True
     harness.reach("POWERING")
     harness.run(0.1)
-    harness.io.void("trocar send asked for power_off meanwhile")
+    harness.io.void("trocar send requested power_off meanwhile")
     harness.io.flag("power_requested", False)
     before = harness.io.sent.count(("power_on", ()))
     harness.run(10.0)
     assert harness.arm.state == "FAULT" and harness.io.sent.count(("power_on", ())) == before == 1
-    assert "trocar send asked for power_off meanwhile" in harness.reports.of("error")[0][2]
+    assert "trocar send requested power_off meanwhile" in harness.reports.of("error")[0][2]
 
 
 def test_a_fault_of_an_arm_without_power_does_not_keep_it_from_a_new_command() -> None:

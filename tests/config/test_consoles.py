@@ -97,7 +97,7 @@ def test_what_a_component_manager_loads_is_left_out_and_the_rest_starts(home: Ho
         (warning,) = (row for row in loaded.warnings if row.key == "component_manager")
         assert "mtsSensableHD, mtsMine" in warning.text and warning.line > 1
         haptic, _, mine = warning.allowed.partition("; for mtsMine: ")
-        assert haptic.startswith("for mtsSensableHD: ") and "MTM_GENERIC" in haptic and "process of your own" in mine
+        assert haptic.startswith("for mtsSensableHD: ") and "MTM_GENERIC" in haptic and "your own process" in mine
 
 
 @pytest.mark.parametrize("manager", [[1, {}], {"components": 3}, "x"])

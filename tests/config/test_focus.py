@@ -43,8 +43,8 @@ def test_without_pedals_commands_move_it(home: Home) -> None:
     ("outputs", "name", "key", "says"),
     [(("endoscope_focus_in",), "lens", "IO_file", "has no digital output endoscope_focus_out"),
      ((), "lens", "IO_file", "has no digital output endoscope_focus_in, endoscope_focus_out"),
-     (("endoscope_focus_in", "endoscope_focus_out"), "IO1", "name", "not a name of its own"),
-     (("endoscope_focus_in", "endoscope_focus_out"), "my lens", "name", "not a name of its own")],
+     (("endoscope_focus_in", "endoscope_focus_out"), "IO1", "name", "not a unique name"),
+     (("endoscope_focus_in", "endoscope_focus_out"), "my lens", "name", "not a unique name")],
 )
 def test_mistakes_stop_the_start(home: Home, outputs: tuple[str, ...], name: str, key: str, says: str) -> None:
     (error,) = load(home, *outputs, name=name).errors

@@ -125,7 +125,7 @@ def test_a_desired_state_older_than_the_last_fault_counts_for_nothing() -> None:
 def test_a_persons_command_voids_the_desired_state_states(name: str, values: tuple[float, ...]) -> None:
     harness = held(IoHarness())
     assert harness.ask(name, *values).outcome == "done"
-    assert harness.record.desired_void[0] and refusal(harness) == f"test asked for {name} meanwhile"
+    assert harness.record.desired_void[0] and refusal(harness) == f"test requested {name} meanwhile"
     controlled, powered = harness.record.pid_enabled[0], harness.record.power_requested[0]
     assert (controlled, powered) == (False, name != "power_off")
     harness.run_s(0.5)

@@ -123,7 +123,7 @@ def test_an_arm_that_a_hand_takes_is_let_go(hand: HandAtArm) -> None:
         if (seen := env.step(np.zeros(7)))[2]:
             break
     assert "PSM1 is MANUAL, which we did not request" in seen[4]["fault"], seen[4]
-    with pytest.raises(RobotStopped, match="PSM1 is MANUAL, which we did not request; begin when it stands"):
+    with pytest.raises(RobotStopped, match="PSM1 is MANUAL, which we did not request; begin once it is at rest"):
         made(HostTime.host).reset()
     env.close()
 
@@ -170,7 +170,7 @@ def test_who_shows_nothing_any_more_is_asked_for_nothing(psm: Host, monkeypatch:
     env = made(psm)
     env.reset()
     monkeypatch.setattr(HostTime, "ahead_ns", 300_000_000)
-    is_over(env, "PSM1 does not show its state any more")
+    is_over(env, "PSM1 no longer publishes its state")
     env.close()
 
 
@@ -180,7 +180,7 @@ def test_an_arm_that_moves_for_somebody_else_is_not_taken(psm: Host) -> None:
     goal = (0.6, 0.5, 0.2, 0.0, 0.0, 0.0)
     person.send("move_jp", goal)
     psm.run(0.05)
-    with pytest.raises(RobotStopped, match="PSM1 is moving, which we did not request; begin when it stands"):
+    with pytest.raises(RobotStopped, match="PSM1 is moving, which we did not request; begin once it is at rest"):
         env.reset()
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.ones(7))

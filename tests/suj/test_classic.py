@@ -274,8 +274,7 @@ def test_a_lift_that_moves_when_its_process_begins_anew_stops_and_waits_for_an_o
     again.run(0.3)
     assert rests(again) and again.orders.refused == []
     assert [text for text in again.reports.of("warning") if "the lift stays" in text] == [
-        "SUJ: the lift stays: the process has been restarted, and nobody has asked for anything since; "
-        "enable SUJ first"]
+        "SUJ: the lift stays: the process was restarted, and no operator's command was given since; enable SUJ first"]
     again.press("motor_up", False)
     again.run(0.3)
     before = height(again)

@@ -134,7 +134,7 @@ def test_a_step_does_not_go_back_after_the_arm_was_stopped(console: tuple[Robot,
     else:
         robot.trocar("send", "ECM", "hold")
     page.until("/does not step back/.test(document.querySelector('.note.bad')?.textContent)")
-    assert ("it was stopped" if way == "Power off" else "asked for hold") in page.note()
+    assert ("it was stopped" if way == "Power off" else "received hold") in page.note()
     stands = page.value("IO1/robot0.setpoint_position.0")
     assert way == "Power off" or stands == pytest.approx(before + 0.01745, abs=1e-3)
     assert page.wrongs() == []

@@ -268,7 +268,7 @@ def test_an_emulated_operator_goes_with_the_last_page_that_had_control(robot: Ro
 
     for _ in range(2):  # who goes from page to page in time takes the operator along; nobody is measured here
         played(robot, comes)
-    wait_for(lambda: state.newest() and not bool(present), 30, "the operator has gone")
+    wait_for(lambda: state.newest() and not bool(present), 30, "the operator is absent")
 
 
 def test_what_was_asked_while_the_console_stood_still_is_not_done(robot: Robot, records: Records) -> None:

@@ -112,13 +112,13 @@ def test_what_cannot_be_saved_is_said_and_leaves_nothing(tmp_path: Path, stock_f
     file.write_bytes(stock_file.read_bytes())
     gains = in_use(file)
     file.write_text("{")
-    with pytest.raises(Problem, match="cannot be read any more"):
+    with pytest.raises(Problem, match="can no longer be read"):
         save_as(gains, tmp_path / "new.json", force=False)
     file.write_text('{"$id": "saw-controllers-pid.schema.json", "$version": 1}')
     with pytest.raises(Problem, match="has changed since"):
         save_as(gains, tmp_path / "new.json", force=False)
     file.unlink()
-    with pytest.raises(Problem, match="cannot be read any more"):
+    with pytest.raises(Problem, match="can no longer be read"):
         save_as(gains, tmp_path / "new.json", force=False)
     with pytest.raises(Problem, match="R has no PID file"):
         save_as(dataclasses.replace(gains, file=""), tmp_path / "new.json", force=False)

@@ -104,7 +104,7 @@ def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
         for i in range(rounds):
             say(f"round {i + 1} of {rounds}", i / rounds)
             _round(turn_s, own, peers, about, found)
-    turns = {"turns": f"{rounds} rounds of turns of {turn_s:g} s, a turn of ours before and behind each peer's",
+    turns = {"turns": f"{rounds} rounds of turns of {turn_s:g} s, a turn of Trocar before and after each peer's",
              "round_trips": sum(turn["n"] for turn in found.turns["trip"]),
              "round_trip_us_p50_of_turns": "{:.2f} to {:.2f}".format(*found.span("trip"))}
     conditions = {**_machine(cores), **turns, **_settings(), **about}
@@ -212,7 +212,7 @@ def _settings() -> dict[str, Any]:
         "payload_4k_bytes": schema_of(PROBE_4K).dtype.itemsize - 16,
         "round_trip": f"depth {PROBE.depth}; publish, poll next() until the answer is copied into our record, read its "
                       "stamp, which is the question's; garbage collector off, as with all peers",
-        "publish, newest, next": f"one process, nobody else attached; means of {BATCH} calls",
+        "publish, newest, next": f"one process, nothing else attached; means of {BATCH} calls",
         "publish_readers8": f"1 writer at full speed, {POLLERS + LOOKERS} readers, each a process on the other core: "
                             f"{POLLERS} poll next() without pause, {LOOKERS} take newest() every {LOOK_S * 1e3:g} ms; "
                             f"means of {BATCH} calls",

@@ -104,7 +104,7 @@ class Follower:
             fresh = True
             if self._state[()] != ENABLED or not self._homed[()]:
                 why = self._watch.last_error()
-                went = f"went to {self._watch.state}" if self._state[()] != ENABLED else "is not homed any more"
+                went = f"went to {self._watch.state}" if self._state[()] != ENABLED else "is no longer homed"
                 raise Problem(f"{name} {went}" + (f": {why}" if why else ""))
             self._compare(reader.stamp_ns)
         if not fresh and self._watch.age_s > FRESH_S:

@@ -36,7 +36,7 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     """
     read, problems = read_source(source)
     if read is None:
-        raise Problem(f"{source} cannot be read any more: {problems[0]}")
+        raise Problem(f"{source} can no longer be read: {problems[0]}")
     if write and source.suffix != ".json":
         raise Problem(f"{source} is no JSON and would lose its comments; without --write a new file is written")
     data = copy.deepcopy(read.data)
@@ -59,7 +59,7 @@ def _put(data: dict[str, Any], values: Values, source: Path) -> None:
             try:
                 pot = robot["actuators"][axis]["potentiometer"]
             except (LookupError, TypeError):
-                raise Problem(f"{source} has changed: no potentiometer of axis {axis} any more") from None
+                raise Problem(f"{source} has changed: the potentiometer of axis {axis} is missing") from None
             if not (math.isfinite(scale) and math.isfinite(offset)):
                 raise Problem(f"{robot['name']} axis {axis}: {scale:g} and {offset:g} cannot be written")
             pot["voltage_to_position"] = {**pot.get("voltage_to_position", {}), "scale": _rounded(scale),

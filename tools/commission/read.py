@@ -191,7 +191,7 @@ def judge_hand(window: Window, subject: Subject, axis: int, by: float) -> list[F
         other = int(np.argmax(spans / [HAND_M if subject.slides(k) else HAND_RAD for k in range(len(spans))]))
         if other != axis and spans[other] >= by * LEAST:
             return [Finding(where, f"stands still, and {subject.title(other)} moved by {spans[other]:.3f}",
-                            f"{by:g} {unit} of its own", "the plugs of these two axes' encoders are swapped")]
+                            f"{by:g} {unit} by itself", "the plugs of these two axes' encoders are swapped")]
         if has_pot and pot >= LEAST * by:
             return [Finding(where, f"its encoder stands still, its potentiometer moved by {pot:.3f} {unit}",
                             f"{by:g} {unit}", "the encoder is dead or unplugged")]

@@ -93,7 +93,7 @@ def commission(
     if write and document.emulation is not None:
         raise Misuse("--write is for a real robot: a rehearsal measures the emulated robot, not yours")
     if yes and document.emulation is None:
-        raise Misuse("--yes is for emulated boards: on a real robot a person confirms what powers or moves")
+        raise Misuse("--yes is for emulated boards: on a real robot the operator confirms what powers or moves")
     book = CommissionReport(report or Path(f"commission-{file.stem}.json"), file.name)
     files = fingerprint(document) + "".join(f" {name}" for name in sorted(arm or []))
     if listed:

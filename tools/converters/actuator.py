@@ -147,6 +147,6 @@ def _value(element: Element, tag: str, unit: str) -> float:
     child = element.need(tag)
     found = child.take("Unit", "Units")
     if found is not None and found[1] != unit:
-        text = f"was read as {unit} whatever stood here"
+        text = f"was read as {unit} whatever the file says"
         child.report.error(child.line, child.key(found[0]), found[1], text, unit)
     return child.number("Value")

@@ -143,7 +143,7 @@ def _console(top: Keys, io: Keys | None, pedals: str) -> Json:
                 sources.setdefault(name, {"component": BUS, "interface": _PEDALS[name]})
         for name in _INPUTS:
             if name not in sources:
-                reason = "today's consoles need it: say what it comes from"
+                reason = "today's consoles need it: specify its source"
                 top.report.lost(top.line(), f"console-inputs.{name}", "", reason)
         row: Json = {"input_type": "COMPONENTS", **sources}
         return row | ({"IO_pedals": _device(pedals)} if pedals else {})

@@ -167,7 +167,7 @@ def _psm_file(keys: Keys, name: str, stem: str) -> Json:
     if stem in _TOOLS:
         keys.defaulted("tool", _TOOLS[stem], "the tool of that chain, fixed as it was")
         return row | {"tool_detection": "FIXED", "tool": _TOOLS[stem]}
-    keys.defaulted("tool_detection", "MANUAL", "the chain says nothing of a tool")
+    keys.defaulted("tool_detection", "MANUAL", "the chain names no tool")
     return row | {"tool_detection": "MANUAL"}
 
 

@@ -109,7 +109,7 @@ def _robot(element: Element, format_version: FormatVersion) -> tuple[Json, Json 
 
 def _gripper(robot: Json, actuator: Json, element: Element) -> Json:
     name = f"{robot['name']}_gripper"
-    reason = "the gripper is a robot of its own, in a file of its own"
+    reason = "the gripper is a separate robot, in a separate file"
     element.report.converted(element.line, element.path, f"actuator {_GRIPPER_AXIS} of {robot['name']}", name, reason)
     return {
         "name": name,

@@ -105,7 +105,7 @@ def _limits(element: Element, *, slides: bool) -> Json:
     unit = "m" if slides else "rad"
     units = element.take("Units", "Unit")
     if units is not None and units[1] not in ("rad", "m"):
-        text = f"was read as {unit} whatever stood here"
+        text = f"was read as {unit} whatever the file says"
         element.report.error(element.line, element.key(units[0]), units[1], text, "rad, m")
     if element.has("ErrorLimit"):
         row["p_measured_setpoint_tolerance"] = element.number("ErrorLimit")

@@ -146,8 +146,8 @@ def control_words(value: int) -> str:
         reported += [f"amplifiers {text}: {_axes(bits)}"] if bits else []
     if value & registers.CONTROL_REBOOT == registers.CONTROL_REBOOT:
         reported.append("reboot of the FPGA")
-    reported += flags(((registers.CONTROL_DOUT_TEST, "digital outputs detected anew", ""),
-                       (registers.CONTROL_EXPANDER_TEST, "I/O expander detected anew", "")), value)
+    reported += flags(((registers.CONTROL_DOUT_TEST, "digital outputs detected again", ""),
+                       (registers.CONTROL_EXPANDER_TEST, "I/O expander detected again", "")), value)
     return ", ".join(reported) or "no mask bit is set: changes nothing"
 
 

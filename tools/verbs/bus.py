@@ -140,7 +140,7 @@ def write(
     wanted, new = None if board.lower() == ALL else _board_id(board), _value(value)
     _one_address(register, None)
     if not yes and not sys.stdin.isatty():
-        raise Misuse("write asks for confirmation, which needs a terminal; --yes writes without asking")
+        raise Misuse("write asks for confirmation, but there is no terminal; --yes writes without asking")
     with BusClient(port) as desk:
         targets = tuple(desk.board(b) for b in ([info.board for info in desk.boards] if wanted is None else [wanted]))
         address = _one_address(register, targets[0] if len(targets) == 1 else None)

@@ -31,7 +31,7 @@ def dump(
     """
     name = chosen_system(system)
     with progress(f"reading {name}") as say:
-        reason = "asked for" if is_up(name) else "its supervisor crashed"
+        reason = "requested" if is_up(name) else "its supervisor crashed"
         found = dump_by_time(name, DUMP, reason, say) if file is None else dumped(name, file, reason, say)
     for problem in found.problems:
         note(problem)

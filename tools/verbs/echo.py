@@ -86,7 +86,7 @@ def _open(system: str, path: FieldPath) -> OpenTopic:
     if not path.field:
         return OpenTopic(system, entry)
     if entry.kind == EVENT:
-        raise Misuse(f"{path.text}: an event has no fields of its own; take {entry.instance}/events.{path.field}")
+        raise Misuse(f"{path.text}: an event has no fields; use {entry.instance}/events.{path.field}")
     with OpenTopic(system, entry) as source:
         source.newest()
         field = _cells(source, path).field

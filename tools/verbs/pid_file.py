@@ -50,7 +50,7 @@ def _origin(gains: Present) -> tuple[dict[str, Any], list[str]]:
     path = Path(gains.file)
     source, problems = read_source(path)
     if source is None:
-        raise Problem(f"{gains.robot} has its gains from a file that cannot be read any more: {problems[0]}")
+        raise Problem(f"{gains.robot} has its gains from a file that can no longer be read: {problems[0]}")
     content, problems = validate(PidFile, source)
     if content is None:
         raise Problem(f"{gains.robot} has its gains from a file that has changed since: {problems[0]}")

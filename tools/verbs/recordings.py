@@ -22,7 +22,7 @@ COLUMNS = ("file", "kind", "time", "real s", "MB", "code", "why")
 
 def recordings(
     kinds: Annotated[list[str] | None, typer.Argument(
-        metavar="[KIND]…", help="Only these: fault, dump, died (dumps of dead systems), named, box.")] = None,
+        metavar="[KIND]…", help="Only these: fault, dump, died (dumps of crashed systems), named, box.")] = None,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

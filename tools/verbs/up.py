@@ -33,7 +33,7 @@ def up(
         "--calibration-mode", "-C", help="For calibrating: no potentiometer checks.")] = False,
     clock: ClockOption = "",
     seconds: Annotated[float | None, typer.Option(
-        "--for", min=0.0, help="Stop after so many seconds of real time, on every clock.")] = None,
+        "--for", min=0.0, help="Stop after this many seconds of real time, on every clock.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section, e.g. io.period_s=0.001; "
         "docs/configuration.md lists all keys.")] = None,

@@ -337,8 +337,8 @@ def _ask_button(system: SystemFiles, key: Key, keys: InterfaceKeys | None, found
             taken |= {f"{row.MTML}_{row.MTMR}_{row.ECM}" for row in console.teleop_ECMs}
         if name in taken or not is_name(name):
             text = "something else that has no buttons" if name in taken else "not a name for a place in the system"
-            system.error((*key, "component"), text, "an IO, an arm of a _GENERIC type, or a name of its own of "
-                         "letters, digits, _ and -, at most 40, for a program of yours")
+            system.error((*key, "component"), text, "an IO, an arm of a _GENERIC type, or a unique name of "
+                         "letters, digits, _ and -, at most 40, for your own program")
             return
         found[name] = ThirdParty(name, "")
     if not 0 < len(keys.interface.encode()) <= _MAX_BUTTON:
@@ -355,7 +355,7 @@ def _load_focus(system: SystemFiles, operators: Collection[str]) -> tuple[Focus,
     name = keys.name or FOCUS_NAME
     taken = RESERVED | {row.name for rows in (content.IOs, content.arms) for row in rows}.union(operators)
     if name in taken or not is_name(name):
-        system.error((FOCUS, "name"), "not a name of its own", "letters, digits, _ and -, at most 40")
+        system.error((FOCUS, "name"), "not a unique name", "letters, digits, _ and -, at most 40")
         return ()
     file = system.file_of(keys)
     if file is None:

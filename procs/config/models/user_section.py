@@ -11,7 +11,7 @@ from trocar.procs.document.user_process import BYTES, TYPE
 
 Word = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,31}$",
                             description="letters, digits and _, not a digit first, at most 32")]
-Type = Annotated[str, Field(pattern=TYPE, description=f"{', '.join(BYTES)}; so many of them: float[6], text[24]")]
+Type = Annotated[str, Field(pattern=TYPE, description=f"{', '.join(BYTES)}; with a length: float[6], text[24]")]
 
 
 class FieldKeys(Section):
@@ -41,8 +41,8 @@ class CommandKeys(Section):
     name: Word
     arguments: Rows[FieldKeys] = ()
     text: str = Field(default="", max_length=400)
-    effect: EffectWord = Field(default="motion", description="the worst that it can do, by itself or by what it asks "
-                               "others for; motion and power need an operator's command")
+    effect: EffectWord = Field(default="motion", description="its worst effect, also by commands to others; motion "
+                               "and power need an operator's command")
     stops: bool = False
     latest: bool = False
 
@@ -52,7 +52,7 @@ class PropertyKeys(Section):
 
     name: Word
     type: Annotated[str, Field(pattern=r"^(float|int|bool|text\[[1-9][0-9]?\])$",
-                               description="float, int, bool, or text[24]: so many bytes at most")] = "float"
+                               description="float, int, bool, or text[24]: at most this many bytes")] = "float"
     default: float | bool | str | None = None
     min: float | None = None
     max: float | None = None

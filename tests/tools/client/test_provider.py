@@ -179,7 +179,7 @@ def test_what_it_does_not_carry_out_is_refused_in_plain_words(place: Place) -> N
         assert reply.outcome == "refused"
         assert reply.text == "move_cp: MTMR is mine, a program that does not support move_cp"
         assert place.ask(master, "state_command", (), "home").outcome == "done", "it is"
-        assert "does not carry out state_command disable" in place.ask(master, "state_command", (), "disable").text
+        assert "does not support state_command disable" in place.ask(master, "state_command", (), "disable").text
 
 
 def test_what_it_carries_out_gets_the_numbers(place: Place) -> None:

@@ -258,7 +258,7 @@ def test_outputs_with_a_frequency_are_modulated() -> None:
     ("old", "new", "expected"),
     [
         ('BoardID="6"', 'BoardID="16"', "Actuator@BoardID = 16: out of range; allowed: a whole number from 0 to 15"),
-        ('Unit="A"', 'Unit="mA"', "MaxCurrent@Unit = mA: was read as A whatever stood here; allowed: A"),
+        ('Unit="A"', 'Unit="mA"', "MaxCurrent@Unit = mA: was read as A whatever the file says; allowed: A"),
         ('Unit="deg"', 'Unit="mm"', "BitsToPosSI@Unit = mm: no unit for a joint that is REVOLUTE; allowed: deg, rad"),
         ('Lower="-90"', 'Lower="-9O"', "PositionLimitsSoft@Lower = -9O: not a finite number"),
         ('Lower="-90"', 'Lower="1e999"', "not a finite number"),

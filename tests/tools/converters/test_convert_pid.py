@@ -97,7 +97,7 @@ def test_an_inactive_joint_before_others_is_refused() -> None:
         ('PGain="20"', 'PGain="much"', "joints/joint/pid@PGain = much: not a finite number"),
         ('numofjoints="1"', 'numofjoints="2"', "the file lists only 1 joint; allowed: 1, or as many joints"),
         ('interface="JointTorqueInterface"', 'interface="Other"', "unknown word; allowed: JointTorqueInterface"),
-        ('Units="rad"', 'Units="deg"', "was read as rad whatever stood here; allowed: rad, m"),
+        ('Units="rad"', 'Units="deg"', "was read as rad whatever the file says; allowed: rad, m"),
         ('type="PID"', 'type="LQR"', "no known kind of file; allowed: Config (IO), controller with type PID"),
     ],
 )
