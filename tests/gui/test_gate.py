@@ -135,7 +135,7 @@ def test_the_token_opens_the_pages(ours: bool, client: str, monkeypatch: pytest.
 
     assert asked().status == 401 and b"<form" in asked().body
     wrong = asked(query="token=0123456789abcdeX")
-    assert wrong.status == 401 and b"not the token" in wrong.body and "set-cookie" not in wrong.headers
+    assert wrong.status == 401 and b"token is wrong" in wrong.body and "set-cookie" not in wrong.headers
     link = asked(query="token=0123456789abcdef")
     form = asked({"origin": "http://robot.lab:8080"}, method="POST", path="/token", body=b"token=0123456789abcdef")
     cookie = link.headers["set-cookie"].split(";")[0]

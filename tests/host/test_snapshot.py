@@ -206,7 +206,7 @@ def test_handles_made_since_begin_anew(homed: HashedHost, snapshot: HostSnapshot
 def test_what_nobody_can_put_back_is_named(homed: HashedHost) -> None:
     homed.host.loops["PSM1"].counter = iter([1])  # type: ignore[attr-defined]
     try:
-        with pytest.raises(HostError, match=r"loops\['PSM1'\]\.counter is a builtins.list_iterator, of which nobody"):
+        with pytest.raises(HostError, match=r"loops\['PSM1'\]\.counter is a builtins.list_iterator, and no rule"):
             homed.host.snapshot()
     finally:
         del homed.host.loops["PSM1"].counter  # type: ignore[attr-defined]

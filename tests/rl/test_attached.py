@@ -151,7 +151,7 @@ def test_an_arm_that_carries_something_else_is_let_go(psm: Host) -> None:
     env = made(psm)
     env.reset()
     env.robot.models[0].carried = "PROGRASP_FORCEPS:400049"  # as if that had been there before
-    is_over(env, "PSM1 carries LARGE_NEEDLE_DRIVER:400006, not PROGRASP_FORCEPS:400049 any more")
+    is_over(env, "PSM1 carries LARGE_NEEDLE_DRIVER:400006, no longer PROGRASP_FORCEPS:400049")
     env.close()
 
 
