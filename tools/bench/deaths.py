@@ -205,9 +205,9 @@ def _following(folder: Path) -> Iterator[Timed]:
             if (reply := remote.settled("home", timeout=PATIENCE_S)).outcome != "done":
                 raise Problem(f"home: {reply.text}")
         yield from _each(up.system, (
-            Death("a teleoperation", TELEOP, follows, DeathEffect("the slave holds", "PSM1", _stands)),
+            Death("a teleoperation", TELEOP, follows, DeathEffect("the slave stands", "PSM1", _stands)),
             Death("a console", "console", follows, NOT_FOLLOWING), Death("setup joints", "SUJ", follows, NOT_FOLLOWING),
-            Death("the system's process", "system", _follow), Death("a user process", "user", _follow)))
+            Death("the system's process", "system", _follow), Death("a process of your own", "user", _follow)))
 
 
 def _third_party() -> Iterator[Timed]:
@@ -223,7 +223,7 @@ def _third_party() -> Iterator[Timed]:
             with _program([*words, up.system]) as program:
                 _until(up.system, TELEOP, lambda record: bool(record["following"]), "following")
                 noticed_s = NOT_FOLLOWING.since(up.system, _strike(program.pid, how))
-            yield Timed("a user program", how, NOT_FOLLOWING.words, noticed_s, None)
+            yield Timed("a program of yours", how, NOT_FOLLOWING.words, noticed_s, None)
 
 
 def _supervisor(folder: Path) -> Iterator[Timed]:
@@ -285,7 +285,7 @@ def _follow(system: str) -> None:
     with Remote(system, "console") as console:
         console.answered("teleop_enable", (1.0,))
         console.answered("emulate_operator_present", (0.0,))
-        _until(system, "console", lambda record: not record["operator_present"], "the operator is absent")
+        _until(system, "console", lambda record: not record["operator_present"], "the operator has gone")
         console.answered("emulate_operator_present", (1.0,))
     _until(system, TELEOP, lambda record: bool(record["following"]), "following")
 
