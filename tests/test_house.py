@@ -298,4 +298,8 @@ def test_texts_for_users_are_plain_english() -> None:
         return [text for text in texts if UNPLAIN.search(text)]
 
     each_keeps_to(unplain)
+    def unplain_page(path: Path) -> list[str]:
+        return UNPLAIN.findall(re.sub(r"`tests/[^`]*`", "", path.read_text(encoding="utf-8")))
+
     each_keeps_to(unplain_script, (ROOT / "procs" / "gui" / "static").glob("*.js"))
+    each_keeps_to(unplain_page, [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
