@@ -23,7 +23,7 @@ from trocar.procs.config.models.kinematic_file import ToolFile
 from trocar.procs.config.models.pid_file import PidFile
 from trocar.procs.config.models.system_file import SystemFile
 from trocar.procs.config.read.jsontext import parse_json
-from trocar.procs.config.read.problem import ERROR, Key
+from trocar.procs.config.read.problem import ERROR, KeyPath
 from trocar.procs.config.read.search import search_path
 from trocar.procs.config.read.source import SourceFile
 from trocar.procs.config.read.validate import validate
@@ -84,7 +84,7 @@ EACH = {"io": 17, "system": 4}
 VALUES: tuple[Any, ...] = ("wrong", -1, 17, 3.7, [])
 
 
-def places(data: Any, key: Key = ()) -> Iterator[Key]:
+def places(data: Any, key: KeyPath = ()) -> Iterator[KeyPath]:
     """Every key and item."""
     for name, value in data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ():
         yield (*key, name)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from pydantic import BaseModel
 
-from trocar.procs.config.read.problem import Key, key_text, value_text
+from trocar.procs.config.read.problem import KeyPath, key_text, value_text
 from trocar.procs.config.read.validate import fields_of, unwrapped
 from trocar.tools.converters.names import file_today
 from trocar.tools.converters.report import NOT_READ, ConversionReport, Reference
@@ -23,7 +23,7 @@ def _folded(name: object) -> str:
 class Keys:
     """One object, its place in the file and the keys read so far. Mistakes go to the report."""
 
-    def __init__(self, data: object, lines: Mapping[Key, int], report: ConversionReport, key: Key = ()) -> None:
+    def __init__(self, data: object, lines: Mapping[KeyPath, int], report: ConversionReport, key: KeyPath = ()) -> None:
         """`data` at `key` of a decoded file whose keys are on `lines`; anything except an object is an error."""
         self.place = key
         self.report = report
@@ -46,7 +46,7 @@ class Keys:
         """A key path as people write it."""
         return key_text(self._full(names))
 
-    def _full(self, names: tuple[str | int, ...]) -> Key:
+    def _full(self, names: tuple[str | int, ...]) -> KeyPath:
         return (*self.place, *(self._spelled(name) if isinstance(name, str) else name for name in names))
 
     def _spelled(self, name: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from trocar.procs.config.read.jsontext import Parsed
-from trocar.procs.config.read.problem import Key, key_text
+from trocar.procs.config.read.problem import KeyPath, key_text
 from trocar.tools.converters.report import ConversionReport
 
 Json = dict[str, object]
@@ -26,7 +26,7 @@ def convert_setup(parsed: Parsed, report: ConversionReport) -> Json:
     return renamed if isinstance(renamed, dict) else {}
 
 
-def _renamed(value: object, key: Key, parsed: Parsed, report: ConversionReport) -> object:
+def _renamed(value: object, key: KeyPath, parsed: Parsed, report: ConversionReport) -> object:
     if isinstance(value, list):
         return [_renamed(item, (*key, number), parsed, report) for number, item in enumerate(value)]
     if not isinstance(value, dict):

@@ -24,7 +24,7 @@ from trocar.procs.config.models.io_file import IoFile, RobotKeys
 from trocar.procs.config.models.pid_file import PidFile
 from trocar.procs.config.models.system_file import ArmKeys
 from trocar.procs.config.read.matrices import check_rigid
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.document import system as document
 from trocar.procs.tables.arm_types import ARM_TYPES, ArmType, class_of
 
@@ -59,7 +59,7 @@ class RobotPlace:
     """The robot of an arm, and its key in the IO file."""
 
     file: Opened[IoFile]
-    key: Key
+    key: KeyPath
     keys: RobotKeys
 
 
@@ -69,7 +69,7 @@ def load_arms(system: SystemFiles) -> list[LoadedArm]:
     return [arm for loader in loaders if (arm := loader.load()) is not None]
 
 
-def base_frame_of(system: Opened[object], key: Key, keys: ArmKeys) -> document.Matrix | None:
+def base_frame_of(system: Opened[object], key: KeyPath, keys: ArmKeys) -> document.Matrix | None:
     """The fixed base frame of an arm; None without one, or when another component provides it."""
     frame = keys.base_frame
     if frame is None:
@@ -94,7 +94,7 @@ def check_pid(opened: Opened[PidFile], robot: RobotKeys | None) -> None:
         text = f"{len(axes)} entries, robot {robot.name} has {len(robot.actuators)} actuators"
         opened.error(("pid",), text, f"{len(robot.actuators)} entries")
     for number, axis in enumerate(axes):
-        key: Key = ("pid", number)
+        key: KeyPath = ("pid", number)
         if axis.index != number:
             opened.error((*key, "index"), "must be its position in the list", str(number))
         if axis.name in names:
@@ -118,7 +118,7 @@ class _ArmLoader:
     keys: ArmKeys
 
     @property
-    def key(self) -> Key:
+    def key(self) -> KeyPath:
         """The arm's key in the system file."""
         return "arms", self.index
 
@@ -342,7 +342,7 @@ def _homes_to_zero(content: ArmFile) -> bool:
 def _check_drivable(robot: RobotPlace) -> None:
     """Check that each axis of a moving arm has an encoder and a conversion from effort to current."""
     for number, actuator in enumerate(robot.keys.actuators):
-        key: Key = (*robot.key, "actuators", number)
+        key: KeyPath = (*robot.key, "actuators", number)
         if actuator.encoder is None:
             robot.file.error((*key, "encoder"), "this key is required for an arm that moves", "an object")
         if actuator.drive.maximum_current == 0.0:

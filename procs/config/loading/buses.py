@@ -16,7 +16,7 @@ from trocar.procs.config.models.io_file import DallasKeys, IoFile, RobotKeys
 from trocar.procs.config.models.lookup_file import load_tables
 from trocar.procs.config.models.system_file import IoDeviceKeys, IoKeys, SystemFile
 from trocar.procs.config.models.trocar_section import ProcessKeys, TrocarSection
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.document import system as document
 from trocar.procs.fpga.port_name import PortName, PortNameError
 
@@ -38,7 +38,7 @@ class BusFiles:
     """One bus with its key in the system file, and its IO files by path."""
 
     keys: IoKeys
-    key: Key
+    key: KeyPath
     files: dict[Path, Opened[IoFile] | None] = field(default_factory=dict)
     tables: dict[tuple[Path, int], str] = field(default_factory=dict)  # of digital potentiometers, by file and robot
 
@@ -86,7 +86,7 @@ class SystemFiles(Opened[SystemFile]):
         """The keys of a process in `trocar.processes`."""
         return self.options.processes.get(name) or ProcessKeys()
 
-    def find_bus(self, key: Key, name: str) -> BusFiles | None:
+    def find_bus(self, key: KeyPath, name: str) -> BusFiles | None:
         """The bus called `name`; None with an error at `key`."""
         bus = self.buses.get(name)
         if bus is None:
@@ -104,14 +104,14 @@ class SystemFiles(Opened[SystemFile]):
 def load_buses(system: SystemFiles) -> None:
     """Load all buses with their own files, and those of pedals, head sensors and the focus controller."""
     for index, keys in enumerate(system.content.IOs):
-        key: Key = ("IOs", index)
+        key: KeyPath = ("IOs", index)
         _check_numbers(system, key, keys)
         if not system.emulated:
             _check_port(system, (*key, "port"), keys.port)
         bus = system.buses.setdefault(keys.name, BusFiles(keys, key))
         for number, name in enumerate(keys.configuration_files):
             bus.add(system.context, system.find((*key, "configuration_files", number), name))
-    devices: list[tuple[Key, IoDeviceKeys | None]] = []
+    devices: list[tuple[KeyPath, IoDeviceKeys | None]] = []
     for index, console in enumerate(system.content.consoles):
         devices += [(("consoles", index, "IO_pedals"), console.IO_pedals),
                     (("consoles", index, "IO_head_sensor"), console.IO_head_sensor)]
@@ -129,14 +129,14 @@ def check_buses(system: SystemFiles) -> None:
         check_bus(bus.opened())
 
 
-def _check_port(system: SystemFiles, key: Key, port: str) -> None:
+def _check_port(system: SystemFiles, key: KeyPath, port: str) -> None:
     try:
         PortName.parse(port)
     except PortNameError as error:
         system.error(key, error.what, f"{error.allowed}, or emulated boards (--boards)")
 
 
-def _check_numbers(system: SystemFiles, key: Key, keys: IoKeys) -> None:
+def _check_numbers(system: SystemFiles, key: KeyPath, keys: IoKeys) -> None:
     if keys.period > MAX_PERIOD_S:
         text = "slow: gains and safety checks are made for 1 ms or less"
         system.warning((*key, "period"), text, f"up to {MAX_PERIOD_S} s")

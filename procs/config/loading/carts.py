@@ -15,7 +15,7 @@ from trocar.procs.config.models.setup_file import FixedSetupFile, SetupArmKeys, 
 from trocar.procs.config.models.system_file import ArmKeys, SystemFile
 from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.matrices import check_rigid
-from trocar.procs.config.read.problem import Key, count
+from trocar.procs.config.read.problem import KeyPath, count
 from trocar.procs.config.read.validate import Section
 from trocar.procs.document import cart
 from trocar.procs.document import system as document
@@ -98,7 +98,7 @@ def _check_base_frames(system: SystemFiles, found: Sequence[cart.Cart]) -> None:
         frame = keys.base_frame
         if frame is None or frame.component is None or frame.interface is None or frame.transform is not None:
             continue
-        where: Key = ("arms", index, "base_frame")
+        where: KeyPath = ("arms", index, "base_frame")
         if frame.component not in listed:
             system.note(f"not started yet: base frame of {keys.name} from {frame.component}/{frame.interface}")
             continue
@@ -140,7 +140,7 @@ class _CartLoader:
         return None if count(self.system.context.problems[before:]) else made
 
     def _open(self, model: type[FileType]) -> Opened[FileType] | None:
-        where: Key = ("arms", self.index, "arm_file")
+        where: KeyPath = ("arms", self.index, "arm_file")
         if not self.keys.arm_file:
             self.system.error(where, f"this key is required for {self.keys.type}", "a file")
             return None
@@ -176,7 +176,7 @@ class _CartLoader:
         return dataclasses.replace(made, io=self.keys.IO, robot=robot)
 
     def _classic_arm(self, opened: Opened[SetupFile], place: int, keys: SetupArmKeys) -> cart.CartArm | None:
-        where: Key = ("arms", place)
+        where: KeyPath = ("arms", place)
         geometry = self._geometry(opened, where, keys)
         joints = len(geometry[0].links) if geometry else 0
         pots = self._pots(opened, where, keys, joints)
@@ -192,7 +192,7 @@ class _CartLoader:
             keys.plug_number, keys.brake_release_current, keys.brake_engaged_current, keys.type == "Motorized PSM")
 
     def _check_bus(self, bus: BusFiles, name: str, lifts: bool) -> None:
-        where: Key = ("arms", self.index, "IO")
+        where: KeyPath = ("arms", self.index, "IO")
         file = f"no file of {bus.keys.name}"
         robot = next((robot for _, _, robot in bus.robots() if robot.name == name), None)
         if robot is None or len(robot.actuators) != 4 or any(a.axis_id > 3 for a in robot.actuators):
@@ -229,7 +229,7 @@ class _CartLoader:
         return dataclasses.replace(made, base_board=content.base_arduino_mac or "", emulated=emulated)
 
     def _si_arm(self, opened: Opened[SiSetupFile], place: int, keys: SiArmKeys) -> cart.CartArm | None:
-        where: Key = ("arms", place)
+        where: KeyPath = ("arms", place)
         geometry = self._geometry(opened, where, keys)
         if geometry is None:
             return None
@@ -265,7 +265,7 @@ class _CartLoader:
 
     # -- parts of an arm -----------------------------------------------------------------------------------------------
 
-    def _geometry(self, opened: Opened[object], where: Key, keys: SetupArmKeys | SiArmKeys) -> Geometry | None:
+    def _geometry(self, opened: Opened[object], where: KeyPath, keys: SetupArmKeys | SiArmKeys) -> Geometry | None:
         missing = [name for name in ("DH", "world_origin_to_SUJ", "SUJ_tip_to_tool_origin") if not getattr(keys, name)]
         for name in missing:
             opened.error((*where, name), "this key is required", "an object")
@@ -289,7 +289,7 @@ class _CartLoader:
         return document.Chain(convention_of(keys.DH), links, source=str(opened.source.path)), poses[0], poses[1]
 
     def _pots(
-        self, opened: Opened[object], where: Key, keys: SetupArmKeys | SiArmKeys, joints: int
+        self, opened: Opened[object], where: KeyPath, keys: SetupArmKeys | SiArmKeys, joints: int
     ) -> tuple[tuple[cart.Linear, ...], tuple[cart.Linear, ...], tuple[float, ...]] | None:
         """Conversions of both potentiometers of every joint, and the weight of the first; empty if KINEMATIC.
 
@@ -311,7 +311,7 @@ class _CartLoader:
         weight = _weight(opened, (*where, "primary_secondary_weight"), keys.primary_secondary_weight, joints)
         return (made[0], made[1], weight) if fine and weight else None
 
-    def _position(self, opened: Opened[object], where: Key, given: tuple[float, ...] | None,
+    def _position(self, opened: Opened[object], where: KeyPath, given: tuple[float, ...] | None,
                   joints: int) -> tuple[float, ...]:
         if given is not None and len(given) != joints and joints:
             key = (*where, "simulated_position")
@@ -319,7 +319,7 @@ class _CartLoader:
         return tuple(given or ())
 
 
-def _weight(opened: Opened[object], key: Key, given: object, joints: int) -> tuple[float, ...]:
+def _weight(opened: Opened[object], key: KeyPath, given: object, joints: int) -> tuple[float, ...]:
     values = list(given) if isinstance(given, list | tuple) else [given] * joints
     good = [float(v) for v in values if isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= 1.0]
     if len(good) != joints or len(values) != joints:

@@ -22,7 +22,7 @@ from trocar.procs.config.models.arm_file import ArmFile, MtmFile
 from trocar.procs.config.models.gravity_file import load_master_gravity
 from trocar.procs.config.models.kinematic_file import DhKeys, KinematicFile, ToolFile
 from trocar.procs.config.read.matrices import check_invertible, check_rigid
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.document import system as document
 from trocar.procs.document.arms import MasterGravityParameters
 from trocar.procs.tables.arm_types import ARM_TYPES
@@ -31,7 +31,7 @@ ENGAGED_AXES = 4  # a tool is driven by the last four actuators
 KINEMATIC: Final = "KINEMATIC"
 KINEMATIC_IO: Final = "io"  # the process of all KINEMATIC robots
 DISC_RANGE: Final = math.radians(172.0)
-_COUPLING: Key = ("coupling", "ActuatorToJointPosition")
+_COUPLING: KeyPath = ("coupling", "ActuatorToJointPosition")
 
 
 def load_chain(context: Context, path: Path | None) -> document.Chain | None:
@@ -120,7 +120,7 @@ def convention_of(keys: DhKeys) -> str:
     return keys.convention or (rows[0].convention if rows else None) or ""
 
 
-def check_dh(opened: Opened[object], where: Key, keys: DhKeys) -> bool:
+def check_dh(opened: Opened[object], where: KeyPath, keys: DhKeys) -> bool:
     """Whether the rows at `where` form a valid chain."""
     kind = "joints" if keys.joints else "links"
     rows = keys.joints or keys.links
@@ -129,7 +129,7 @@ def check_dh(opened: Opened[object], where: Key, keys: DhKeys) -> bool:
         return False
     fine = True
     for number, row in enumerate(rows):
-        key: Key = (*where, kind, number)
+        key: KeyPath = (*where, kind, number)
         convention = row.convention or keys.convention
         if convention is None or convention != convention_of(keys):
             opened.error((*key, "convention"), "one convention must hold for all rows", "standard or modified")

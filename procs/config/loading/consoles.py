@@ -24,7 +24,7 @@ from trocar.procs.config.models.system_file import (
     TeleopPsmKeys,
     TeleopPsmParameters,
 )
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.config.read.validate import is_name
 from trocar.procs.document.arms import ThirdParty
 from trocar.procs.document.cart import Cart
@@ -104,7 +104,7 @@ class _ConsoleLoader:
 
     def console(self, index: int, keys: ConsoleKeys) -> Console:
         """Load one entry of the list."""
-        key: Key = ("consoles", index)
+        key: KeyPath = ("consoles", index)
         for name in _NEEDS[keys.input_type]:
             if not getattr(keys, name):
                 self.system.error((*key, name),
@@ -118,7 +118,7 @@ class _ConsoleLoader:
 
     # -- inputs --------------------------------------------------------------------------------------------------------
 
-    def _with_inputs(self, key: Key, keys: ConsoleKeys, teleops: tuple[str, ...]) -> Console:
+    def _with_inputs(self, key: KeyPath, keys: ConsoleKeys, teleops: tuple[str, ...]) -> Console:
         period_s = self.system.own(keys.name).period_s or PERIOD_S
         if keys.input_type == COMPONENTS:
             clutch, camera, present = (self._component((*key, button), getattr(keys, button)) for button in BUTTONS)
@@ -141,11 +141,11 @@ class _ConsoleLoader:
         return Console(keys.name, keys.input_type, period_s, teleops, clutch, camera, seen, count, turn_off,
                        self._head_on_usb(key, keys.HID_file) if keys.input_type == GOOVIS else None)
 
-    def _head_on_usb(self, key: Key, name: str) -> HidSensor | None:
+    def _head_on_usb(self, key: KeyPath, name: str) -> HidSensor | None:
         path = self.system.find((*key, "HID_file"), name) if name else None
         return load_hid(self.system.context, path) if path is not None else None
 
-    def _component(self, key: Key, keys: InterfaceKeys | None) -> WiredInput | None:
+    def _component(self, key: KeyPath, keys: InterfaceKeys | None) -> WiredInput | None:
         """A digital input of an io, or a button of a third-party program."""
         if keys is None:
             return None
@@ -166,7 +166,7 @@ class _ConsoleLoader:
             return None
         return [row.name for row in (file.digital_outputs if outputs else file.digital_inputs)]
 
-    def _input(self, key: Key, device: IoDeviceKeys | None, name: str) -> WiredInput | None:
+    def _input(self, key: KeyPath, device: IoDeviceKeys | None, name: str) -> WiredInput | None:
         names = self._names(device) if device is not None else None
         if device is None or names is None:
             return None
@@ -177,7 +177,7 @@ class _ConsoleLoader:
             return None
         return WiredInput(device.IO, name)
 
-    def _head_input(self, key: Key, device: IoDeviceKeys) -> WiredInput | None:
+    def _head_input(self, key: KeyPath, device: IoDeviceKeys) -> WiredInput | None:
         """The input of a dVRK head sensor: that with the device's name, else the only one with `head` in its name, or
         the only one at all.
         """
@@ -199,7 +199,7 @@ class _ConsoleLoader:
 
     # -- teleoperations -----------------------------------------------------------------------------------------------
 
-    def _psm(self, key: Key, console: str, keys: TeleopPsmKeys) -> TeleopPsmConfig | None:
+    def _psm(self, key: KeyPath, console: str, keys: TeleopPsmKeys) -> TeleopPsmConfig | None:
         given = keys.configure_parameter or TeleopPsmParameters()
         where = (*key, "configure_parameter")
         if given.align_MTM and not given.MTM_is_haptic:
@@ -219,7 +219,7 @@ class _ConsoleLoader:
             base_frame_from=frame.component if frame else "", base_frame_interface=frame.interface if frame else "",
             wrench_timeout_s=self.system.options.arm.effort_timeout_s)
 
-    def _ecm(self, key: Key, console: str, keys: TeleopEcmKeys) -> TeleopEcmConfig | None:
+    def _ecm(self, key: KeyPath, console: str, keys: TeleopEcmKeys) -> TeleopEcmConfig | None:
         given = keys.configure_parameter or TeleopEcmParameters()
         name = self._named(key, console, {"MTML": keys.MTML, "MTMR": keys.MTMR, "ECM": keys.ECM})
         if keys.MTML == keys.MTMR:
@@ -231,7 +231,7 @@ class _ConsoleLoader:
     def _period_s(self, name: str, keys: TeleopPsmKeys | TeleopEcmKeys) -> float:
         return self.system.own(name).period_s or keys.period
 
-    def _has_base_frame(self, teleop: str, key: Key, frame: InterfaceKeys) -> bool:
+    def _has_base_frame(self, teleop: str, key: KeyPath, frame: InterfaceKeys) -> bool:
         """Check that the PSM's base frame is from a running arm, or a setup arm (`interface`) of a `component`.
 
         False, with a note, if it may be from an unsupported component: without that frame the PSM would move elsewhere.
@@ -251,7 +251,7 @@ class _ConsoleLoader:
                                f"one of {running}")
         return True
 
-    def _named(self, key: Key, console: str, parts: dict[str, str]) -> str:
+    def _named(self, key: KeyPath, console: str, parts: dict[str, str]) -> str:
         """The teleoperation's name, made of its arms' names; errors when these are unknown, or the name is taken."""
         for role, arm in parts.items():
             self._check_arm((*key, role), role, arm)
@@ -270,7 +270,7 @@ class _ConsoleLoader:
         self.taken.setdefault(name, f"console {console}")
         return name
 
-    def _check_arm(self, key: Key, role: str, arm: str) -> None:
+    def _check_arm(self, key: KeyPath, role: str, arm: str) -> None:
         family = role[:3]
         families = {row.name: row.type.split("_")[0] for row in self.system.content.arms}
         if families.get(arm) == family:
@@ -324,7 +324,7 @@ def place_of(content: SystemFile, component: str) -> str:
                 component)
 
 
-def _ask_button(system: SystemFiles, key: Key, keys: InterfaceKeys | None, found: dict[str, ThirdParty]) -> None:
+def _ask_button(system: SystemFiles, key: KeyPath, keys: InterfaceKeys | None, found: dict[str, ThirdParty]) -> None:
     """Add the button of one console input to a third-party program, unless the input is an io's."""
     content = system.content
     if keys is None or keys.component in [row.name for row in content.IOs]:

@@ -8,7 +8,7 @@ from typing import Final, Generic, TypeVar
 
 from pydantic import BaseModel
 
-from trocar.procs.config.read.problem import WARNING, FileProblem, Key
+from trocar.procs.config.read.problem import WARNING, FileProblem, KeyPath
 from trocar.procs.config.read.search import SearchPath
 from trocar.procs.config.read.source import SourceFile, read_source
 from trocar.procs.config.read.validate import validate
@@ -55,11 +55,11 @@ class Opened(Generic[Content]):
     source: SourceFile
     content: Content
 
-    def error(self, key: Key, text: str, allowed: str = "") -> None:
+    def error(self, key: KeyPath, text: str, allowed: str = "") -> None:
         """Add an error at a key of this file."""
         self.context.problems.append(self.source.problem(key, text, allowed=allowed))
 
-    def warning(self, key: Key, text: str, allowed: str = "") -> None:
+    def warning(self, key: KeyPath, text: str, allowed: str = "") -> None:
         """Add a warning at a key of this file."""
         self.context.problems.append(self.source.problem(key, text, allowed=allowed, severity=WARNING))
 
@@ -67,7 +67,7 @@ class Opened(Generic[Content]):
         """Add a note, which is no mistake."""
         self.context.notes.append(text)
 
-    def find(self, key: Key, *names: str, beside: tuple[Path, ...] = ()) -> Path | None:
+    def find(self, key: KeyPath, *names: str, beside: tuple[Path, ...] = ()) -> Path | None:
         """Find a file by one of `names`, first in `beside` (default: this file's folder); None with an error."""
         where = self.context.search.first(*(beside or (self.source.path.parent,)))
         found = where.find(*names)
@@ -78,6 +78,6 @@ class Opened(Generic[Content]):
             self.error(key, text, f"a file on the search path; {ADDED}")
         return found
 
-    def open(self, model: type[ModelType], key: Key, *names: str) -> Opened[ModelType] | None:
+    def open(self, model: type[ModelType], key: KeyPath, *names: str) -> Opened[ModelType] | None:
         """Find and read a file as `model`; None (and errors) when it is missing or not valid."""
         return self.context.open(model, self.find(key, *names))

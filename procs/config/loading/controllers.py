@@ -16,7 +16,7 @@ from trocar.procs.config.models.emulation_section import (
     QuirkKeys,
 )
 from trocar.procs.config.models.io_file import IoFile
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.config.read.validate import Section
 from trocar.procs.document import system as document
 from trocar.procs.document.emulated import MADE_FOR
@@ -24,7 +24,7 @@ from trocar.procs.fpga import blocks, registers
 
 Keys = TypeVar("Keys", bound=Section)
 
-EMULATION: Key = ("trocar", "emulation")
+EMULATION: KeyPath = ("trocar", "emulation")
 BOARDS = 16
 USUAL, OF_ETHERNET = 8, 9  # the oldest firmware for all hardware; the only one without need for FireWire
 _UNKNOWN = "HARDWARE_UNDEFINED"
@@ -45,7 +45,7 @@ class BusPlace:
         return self.system.options.emulation
 
     @property
-    def key(self) -> Key:
+    def key(self) -> KeyPath:
         """The key of this bus in the system file."""
         return (*EMULATION, "buses", self.name)
 
@@ -64,7 +64,7 @@ class BusPlace:
         """Whether each board has its own network address."""
         return self.of_bus.network == "ethernet"
 
-    def where(self, name: str, board: int | None = None) -> Key:
+    def where(self, name: str, board: int | None = None) -> KeyPath:
         """The origin of a value of a bus, or of one of its boards: the nearest level that has the key."""
         nearest = ((*self.key, "controllers", str(board)), self.key, EMULATION)
         return next(((*key, name) for key in nearest if self.system.source.has((*key, name))), self.key)

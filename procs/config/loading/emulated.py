@@ -22,7 +22,7 @@ from trocar.procs.config.models.emulation_section import EVERYWHERE, RAW, Emulat
 from trocar.procs.config.models.io_file import IoFile, RobotKeys
 from trocar.procs.config.models.setup_file import PLUGS, SetupArmKeys, SetupFile
 from trocar.procs.config.models.system_file import PROTOCOLS
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.config.read.validate import is_name
 from trocar.procs.document import emulated
 from trocar.procs.document import system as document
@@ -135,7 +135,7 @@ def _note(place: BusPlace, bus: document.BusConfig, files: BusFiles | None) -> N
 
 def _check_raw_port(place: BusPlace, bus: document.BusConfig, files: BusFiles) -> None:
     """Check the port of a bus on raw Ethernet, which is not replaced: only the system file knows the interface."""
-    key: Key = (*files.key, "port")
+    key: KeyPath = (*files.key, "port")
     if not files.keys.port.startswith("eth"):
         text = f"the emulated boards of {place.name} are on raw Ethernet ({bus.address})"
         place.system.error(key, text, "eth:INTERFACE, the other end of their cable")
@@ -150,7 +150,7 @@ def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> 
     place_of = {place.name: place for place in places}
     for bus in rows:
         place = place_of[bus.io]
-        key: Key = (*place.key, "address")
+        key: KeyPath = (*place.key, "address")
         if bus.address == EVERYWHERE:
             if len(rows) > 1:
                 place.system.error(key, f"{EVERYWHERE} leaves no address for the other buses", "127.x.y.z")
@@ -222,7 +222,7 @@ def setup_joints_of(
     found = []
     for index, keys in enumerate(system.content.arms):
         if keys.type == "SUJ_Classic" and keys.IO and keys.arm_file and keys.simulation == "NONE":
-            where: Key = ("arms", index)
+            where: KeyPath = ("arms", index)
             opened = system.open(SetupFile, (*where, "arm_file"), keys.arm_file)
             if opened is None:
                 continue

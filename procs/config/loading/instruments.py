@@ -11,7 +11,7 @@ from trocar.procs.config.loading.chains import load_tool
 from trocar.procs.config.loading.context import ADDED, Context, Opened
 from trocar.procs.config.models.arm_file import PsmFile
 from trocar.procs.config.models.kinematic_file import InstrumentKeys, ToolIndexFile
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.document import system as document
 from trocar.procs.document.catalogue import find, full_name
 
@@ -88,7 +88,7 @@ def check_index(opened: Opened[ToolIndexFile]) -> bool:
     """Whether at most one entry covers each name, model and version."""
     fine, rows = True, opened.content.instruments
     for number, row in enumerate(rows):
-        key: Key = ("instruments", number)
+        key: KeyPath = ("instruments", number)
         low, high = _versions(row)
         if low > high:
             opened.error((*key, "version_max"), "below version_min", f"from {row.version_min}")
@@ -112,7 +112,7 @@ def _versions(row: InstrumentKeys) -> tuple[float, float]:
     return (row.version_min or 0, float("inf") if row.version_max is None else row.version_max)
 
 
-def _named(opened: Opened[PsmFile], listed: tuple[Listed, ...], asked_by: Opened[object], key: Key,
+def _named(opened: Opened[PsmFile], listed: tuple[Listed, ...], asked_by: Opened[object], key: KeyPath,
            name: str) -> document.Tool | None:
     """The tool called `name`; None with an error at the key that requests it."""
     found = find(name, listed)

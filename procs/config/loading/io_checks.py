@@ -15,7 +15,7 @@ from trocar.procs.config.models.io_file import (
     IoFile,
     RobotKeys,
 )
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 
 IoOpened = Opened[IoFile]
 
@@ -27,7 +27,7 @@ _SCALE_TOLERANCE = 0.05
 def check_io_file(opened: IoOpened) -> None:
     """Check counts, axes, calibration and scales of every robot in one file."""
     for index, robot in enumerate(opened.content.robots):
-        key: Key = ("robots", index)
+        key: KeyPath = ("robots", index)
         _check_counts(opened, key, robot)
         _check_axes(opened, index, robot)
         _check_calibration(opened, key, robot)
@@ -71,7 +71,7 @@ def board_ids(content: IoFile) -> dict[int, str]:
     return boards
 
 
-def _once(opened: IoOpened, key: Key, seen: dict[tuple[object, object], str], item: tuple[object, object],
+def _once(opened: IoOpened, key: KeyPath, seen: dict[tuple[object, object], str], item: tuple[object, object],
           what: str) -> None:
     if item in seen:
         opened.error(key, f"{what} is used twice, first in {seen[item]}", "each only once on a bus")
@@ -80,7 +80,7 @@ def _once(opened: IoOpened, key: Key, seen: dict[tuple[object, object], str], it
         seen[item] = f"{problem.file}:{problem.line}"
 
 
-def _names(content: IoFile) -> Iterator[tuple[str, Key, str]]:
+def _names(content: IoFile) -> Iterator[tuple[str, KeyPath, str]]:
     lists: dict[str, Sequence[RobotKeys | DigitalInputKeys | DigitalOutputKeys | DallasKeys]] = {
         "robot": content.robots, "digital input": content.digital_inputs, "digital output": content.digital_outputs,
         "dallas chip": content.dallas_chips}
@@ -89,7 +89,7 @@ def _names(content: IoFile) -> Iterator[tuple[str, Key, str]]:
             yield kind, (f"{kind.replace(' ', '_')}s", index, "name"), row.name
 
 
-def parts_of(index: int, robot: RobotKeys) -> Iterator[tuple[Key, ActuatorKeys | BrakeKeys]]:
+def parts_of(index: int, robot: RobotKeys) -> Iterator[tuple[KeyPath, ActuatorKeys | BrakeKeys]]:
     """All actuators and brakes of a robot, with their keys in the file."""
     for number, actuator in enumerate(robot.actuators):
         yield ("robots", index, "actuators", number), actuator
@@ -97,7 +97,7 @@ def parts_of(index: int, robot: RobotKeys) -> Iterator[tuple[Key, ActuatorKeys |
         yield ("robots", index, "brakes", number), brake
 
 
-def _check_counts(opened: IoOpened, key: Key, robot: RobotKeys) -> None:
+def _check_counts(opened: IoOpened, key: KeyPath, robot: RobotKeys) -> None:
     for name, stated, listed in (
         ("number_of_actuators", robot.number_of_actuators, len(robot.actuators)),
         ("number_of_brakes", robot.number_of_brakes, len(robot.brakes)),
@@ -115,7 +115,7 @@ def _check_axes(opened: IoOpened, index: int, robot: RobotKeys) -> None:
             opened.error(where, text, f"0 to {axes - 1} on {robot.hardware_version}")
 
 
-def _check_calibration(opened: IoOpened, key: Key, robot: RobotKeys) -> None:
+def _check_calibration(opened: IoOpened, key: KeyPath, robot: RobotKeys) -> None:
     """Check calibration: equal current offsets were not measured, and motors would pull at zero effort."""
     if robot.hardware_version == "dRA1":
         return
@@ -134,7 +134,7 @@ def _check_calibration(opened: IoOpened, key: Key, robot: RobotKeys) -> None:
             report(where, "the potentiometer is not calibrated", f"scale or offset other than 0{mode}")
 
 
-def _check_potentiometers(opened: IoOpened, key: Key, robot: RobotKeys) -> None:
+def _check_potentiometers(opened: IoOpened, key: KeyPath, robot: RobotKeys) -> None:
     pots = robot.potentiometers
     if pots is None:
         return
@@ -152,7 +152,7 @@ def _check_potentiometers(opened: IoOpened, key: Key, robot: RobotKeys) -> None:
         opened.error(here, "wrong size", f"{count} rows of {count} numbers")
 
 
-def _check_drive(opened: IoOpened, key: Key, drive: DriveKeys) -> None:
+def _check_drive(opened: IoOpened, key: KeyPath, drive: DriveKeys) -> None:
     """Check that the scales of command and measurement agree, above all in sign."""
     product = drive.current_to_bits.scale * drive.bits_to_current.scale
     if not product > 0.0:
@@ -164,7 +164,7 @@ def _check_drive(opened: IoOpened, key: Key, drive: DriveKeys) -> None:
         opened.warning((*key, "bits_to_current", "scale"), text, allowed)
 
 
-def _check_limits(opened: IoOpened, key: Key, actuator: ActuatorKeys) -> None:
+def _check_limits(opened: IoOpened, key: KeyPath, actuator: ActuatorKeys) -> None:
     encoder = actuator.encoder
     if encoder is None:
         return

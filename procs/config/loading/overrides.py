@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.read.jsontext import TextError
-from trocar.procs.config.read.problem import FileProblem, Key, value_text
+from trocar.procs.config.read.problem import FileProblem, KeyPath, value_text
 from trocar.procs.config.read.source import SourceFile
 from trocar.procs.config.read.yamltext import parse_yaml
 
 SECTION = "trocar"
-PROCESSES: Key = (SECTION, "processes")
+PROCESSES: KeyPath = (SECTION, "processes")
 
 
 def apply_overrides(source: SourceFile, sets: Mapping[str, str] | Sequence[str]) -> tuple[SourceFile,
@@ -30,7 +30,7 @@ def apply_overrides(source: SourceFile, sets: Mapping[str, str] | Sequence[str])
                 problems.append(_problem("", item, "no equals sign", "key=value"))
     section = source.data.get(SECTION)
     data = {**source.data, SECTION: _copy(section) if isinstance(section, dict) else {}}
-    keys: list[Key] = []
+    keys: list[KeyPath] = []
     for name, text in pairs:
         parts = tuple(part for part in name.strip().removeprefix(f"{SECTION}.").split("."))
         if not all(parts):
@@ -87,7 +87,7 @@ def with_named_processes(system: Opened[None]) -> SourceFile:
             named[name], names[index] = {key: value for key, value in row.items() if key != "name"}, name
     data = {**source.data, SECTION: {**section, "processes": named}}
     depth = len(PROCESSES)
-    lines: dict[Key, int] = {}
+    lines: dict[KeyPath, int] = {}
     for key, line in source.lines.items():
         row = key[depth] if key[:depth] == PROCESSES and len(key) > depth else None
         lines[(*PROCESSES, names[row], *key[depth + 1 :]) if isinstance(row, int) and row in names else key] = line

@@ -20,7 +20,7 @@ from trocar.procs.config.loading.overrides import PROCESSES
 from trocar.procs.config.models.system_file import RESERVED, ArmKeys
 from trocar.procs.config.models.trocar_section import ProcessKeys
 from trocar.procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.config.read.search import expanded
 from trocar.procs.config.read.validate import is_name
 from trocar.procs.document import system as document
@@ -39,7 +39,7 @@ from trocar.procs.document.user_process import (
 
 DERIVED: Final = "_DERIVED"
 PERIOD_S: Final = 0.01
-_TASKS: Key = ("trocar", "io", "tasks")
+_TASKS: KeyPath = ("trocar", "io", "tasks")
 _TAKEN: Final = {"events", "audit", "control", "mailbox", "clock", "document", "faults", PROPERTIES}
 _OF_A_PROCESS: Final = ("period_s", "cpu", "priority", "late_s", "hung_s", "start", "linger_s", "listen")
 _MAX_RECORD, _MAX_NUMBERS, _MAX_TEXT = 1_000_000, 64, 64
@@ -48,7 +48,7 @@ _LARGEST_SHARE = 0.5  # of a period, for the tasks of one bus together
 # -- modules ---------------------------------------------------------------------------------------------------------
 
 
-def _module_of(system: Opened[object], key: Key, name: str) -> str:
+def _module_of(system: Opened[object], key: KeyPath, name: str) -> str:
     """The absolute path of a file in the system file's folder or the working folder; else an installed module's name.
     """
     folder = system.source.path.resolve().parent
@@ -66,7 +66,7 @@ def _module_of(system: Opened[object], key: Key, name: str) -> str:
     return name
 
 
-def _check_syntax(system: Opened[object], key: Key, path: Path) -> None:
+def _check_syntax(system: Opened[object], key: KeyPath, path: Path) -> None:
     """Check the syntax of a file without running it."""
     try:
         ast.parse(path.read_bytes(), str(path))
@@ -113,7 +113,7 @@ def _check_budgets(system: SystemFiles, io: document.IoConfig, tasks: list[docum
 # -- arms ------------------------------------------------------------------------------------------------------------
 
 
-def derived_class(system: SystemFiles, key: Key, keys: ArmKeys) -> str:
+def derived_class(system: SystemFiles, key: KeyPath, keys: ArmKeys) -> str:
     """The class of a derived arm, as module:Class; "" for the class of its type."""
     module, _, name = keys.component.rpartition(".")
     if not keys.type.endswith(DERIVED) or not module:
@@ -150,14 +150,14 @@ def load_user_processes(system: SystemFiles, derived: Collection[str],
     return tuple(found)
 
 
-def _check_place(system: SystemFiles, key: Key, row: ProcessKeys) -> None:
+def _check_place(system: SystemFiles, key: KeyPath, row: ProcessKeys) -> None:
     """Check a third-party arm or pedals: the topic `state` is taken, and it must not share a process."""
     _check_once(system, (*key, "topics"), [topic.name for topic in row.topics], {"state"})
     if row.host:
         system.error((*key, "host"), "it is an arm, or has pedals", "no host, which gives it a separate process")
 
 
-def _check_host(system: SystemFiles, key: Key, row: ProcessKeys, name: str) -> float:
+def _check_host(system: SystemFiles, key: KeyPath, row: ProcessKeys, name: str) -> float:
     """Check the host of a filter; returns the period of that process, s."""
     host = system.own(name)
     if name in RESERVED or host.module is not None or host.host is not None:
@@ -170,7 +170,7 @@ def _check_host(system: SystemFiles, key: Key, row: ProcessKeys, name: str) -> f
     return host.period_s or PERIOD_S
 
 
-def _process(system: SystemFiles, key: Key, name: str, row: ProcessKeys, period_s: float) -> UserProcess:
+def _process(system: SystemFiles, key: KeyPath, name: str, row: ProcessKeys, period_s: float) -> UserProcess:
     if name in RESERVED:
         system.error(key, "this name is taken by a process of Trocar", "a unique name")
     if not is_name(name):
@@ -187,7 +187,7 @@ def _process(system: SystemFiles, key: Key, name: str, row: ProcessKeys, period_
         row.host or "")
 
 
-def _check_once(system: SystemFiles, key: Key, names: Iterable[str], taken: set[str]) -> None:
+def _check_once(system: SystemFiles, key: KeyPath, names: Iterable[str], taken: set[str]) -> None:
     seen = set(taken)
     for index, name in enumerate(names):
         if name in seen:
@@ -195,7 +195,7 @@ def _check_once(system: SystemFiles, key: Key, names: Iterable[str], taken: set[
         seen.add(name)
 
 
-def _topic(system: SystemFiles, key: Key, row: TopicKeys) -> UserTopic:
+def _topic(system: SystemFiles, key: KeyPath, row: TopicKeys) -> UserTopic:
     _check_once(system, (*key, "fields"), [field.name for field in row.fields], {"sequence", "stamp_ns"})
     size = sum(size_of(field.type) for field in row.fields)
     if size > _MAX_RECORD:
@@ -207,7 +207,7 @@ def _topic(system: SystemFiles, key: Key, row: TopicKeys) -> UserTopic:
     return by_name(UserTopic, row)
 
 
-def _commands(system: SystemFiles, key: Key, rows: Sequence[CommandKeys]) -> tuple[UserCommand, ...]:
+def _commands(system: SystemFiles, key: KeyPath, rows: Sequence[CommandKeys]) -> tuple[UserCommand, ...]:
     _check_once(system, key, [command.name for command in rows], {SET_PROPERTY, SAVE_PROPERTIES})
     for index, row in enumerate(rows):
         _check_once(system, (*key, index, "arguments"), [field.name for field in row.arguments], set())
@@ -219,7 +219,7 @@ def _commands(system: SystemFiles, key: Key, rows: Sequence[CommandKeys]) -> tup
     return tuple(by_name(UserCommand, row) for row in rows)
 
 
-def _property(system: SystemFiles, key: Key, row: PropertyKeys) -> Property:
+def _property(system: SystemFiles, key: KeyPath, row: PropertyKeys) -> Property:
     default = row.default
     number, words = (0.0, default) if isinstance(default, str) else (float(default or 0.0), "")
     made = by_name(Property, row, default=number, lower=row.min, upper=row.max, words=words)

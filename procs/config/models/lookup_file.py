@@ -12,7 +12,7 @@ import numpy as np
 
 from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.models.io_file import IoFile, RobotKeys
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.config.read.search import expanded
 from trocar.procs.fpga import lookup
 
@@ -30,7 +30,7 @@ def load_tables(opened: Opened[IoFile]) -> dict[tuple[Path, int], str]:
         pots = robot.potentiometers
         if pots is None or pots.potentiometers_type != "DIGITAL":
             continue
-        key: Key = ("robots", index, "potentiometers", "lookup_table_file")
+        key: KeyPath = ("robots", index, "potentiometers", "lookup_table_file")
         if not pots.lookup_table_file:
             opened.error(key, "this key is required for DIGITAL potentiometers", "a file")
             continue
@@ -52,7 +52,7 @@ def check_table(context: Context, path: Path) -> None:
     _packed(table)
 
 
-def _table(opened: Opened[IoFile], key: Key, robot: RobotKeys, path: Path) -> str:
+def _table(opened: Opened[IoFile], key: KeyPath, robot: RobotKeys, path: Path) -> str:
     """The packed table; empty, with errors, when the file is not this robot's."""
     serial = robot.serial_number
     if serial not in path.name:

@@ -12,7 +12,7 @@ import json
 import re
 from dataclasses import dataclass, field
 
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 
 _DEEPEST = 64
 _SPACE = re.compile(r"(?:[ \t\r\n]+|//[^\n]*|/\*.*?\*/)*", re.DOTALL)
@@ -38,8 +38,8 @@ class Parsed:
     """A decoded text: plain values, the line of every key path, and repeated key paths with their lines."""
 
     data: object = None
-    lines: dict[Key, int] = field(default_factory=dict)
-    repeated: list[tuple[Key, int]] = field(default_factory=list)
+    lines: dict[KeyPath, int] = field(default_factory=dict)
+    repeated: list[tuple[KeyPath, int]] = field(default_factory=list)
 
 
 def parse_json(text: str) -> Parsed:
@@ -76,7 +76,7 @@ class _JsonReader:
             raise self.error(at, "comment is never closed")
         return at
 
-    def value(self, at: int, key: Key) -> tuple[object, int]:
+    def value(self, at: int, key: KeyPath) -> tuple[object, int]:
         """The value at offset `at` and the offset behind it."""
         if len(key) > _DEEPEST:
             raise self.error(at, f"nested deeper than {_DEEPEST} levels")
@@ -105,7 +105,7 @@ class _JsonReader:
             raise self.error(at + bad.pos, f"bad text: {bad.msg}") from bad
         return str(decoded), match.end()
 
-    def mapping(self, at: int, key: Key) -> tuple[dict[str, object], int]:
+    def mapping(self, at: int, key: KeyPath) -> tuple[dict[str, object], int]:
         result: dict[str, object] = {}
         opened, at = at, self.skip(at + 1)
         if self.text.startswith("}", at):
@@ -127,7 +127,7 @@ class _JsonReader:
             if not more:
                 return result, at
 
-    def sequence(self, at: int, key: Key) -> tuple[list[object], int]:
+    def sequence(self, at: int, key: KeyPath) -> tuple[list[object], int]:
         result: list[object] = []
         opened, at = at, self.skip(at + 1)
         if self.text.startswith("]", at):
@@ -141,13 +141,13 @@ class _JsonReader:
             if not more:
                 return result, at
 
-    def numbers(self, at: int, key: Key) -> tuple[list[object], int] | None:
+    def numbers(self, at: int, key: KeyPath) -> tuple[list[object], int] | None:
         """Read a list of numbers at once; None if it has other elements, or mistakes."""
         match = _NUMBERS.match(self.text, at)
         if match is None or len(key) >= _DEEPEST:
             return None
         result: list[object] = []
-        lines: dict[Key, int] = {}
+        lines: dict[KeyPath, int] = {}
         line = self.line(at)
         for piece in match.group()[1:-1].split(","):
             bare = piece.lstrip(" \t\r\n")

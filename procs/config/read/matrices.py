@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trocar.procs.config.loading.context import Opened
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -13,7 +13,7 @@ _ORTHONORMAL = 1e-3  # files round cosines to four digits
 _MIN_DETERMINANT = 1e-6
 
 
-def check_size(opened: Opened[object], key: Key, matrix: Rows, size: int) -> bool:
+def check_size(opened: Opened[object], key: KeyPath, matrix: Rows, size: int) -> bool:
     """Whether `matrix` is size × size; an error otherwise."""
     if len(matrix) == size and all(len(row) == size for row in matrix):
         return True
@@ -22,7 +22,7 @@ def check_size(opened: Opened[object], key: Key, matrix: Rows, size: int) -> boo
     return False
 
 
-def check_rigid(opened: Opened[object], key: Key, matrix: Rows) -> bool:
+def check_rigid(opened: Opened[object], key: KeyPath, matrix: Rows) -> bool:
     """Whether `matrix` is a 4 × 4 rigid transform; an error otherwise."""
     if not check_size(opened, key, matrix, 4):
         return False
@@ -40,7 +40,7 @@ def check_rigid(opened: Opened[object], key: Key, matrix: Rows) -> bool:
     return True
 
 
-def check_invertible(opened: Opened[object], key: Key, matrix: Rows, size: int) -> bool:
+def check_invertible(opened: Opened[object], key: KeyPath, matrix: Rows, size: int) -> bool:
     """Whether `matrix` is size × size and has an inverse; an error otherwise."""
     if not check_size(opened, key, matrix, size):
         return False

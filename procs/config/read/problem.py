@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-Key = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 
 ERROR = "error"
 WARNING = "warning"
@@ -42,7 +42,7 @@ def count(problems: Iterable[FileProblem], severity: str = ERROR) -> int:
     return sum(problem.severity == severity for problem in problems)
 
 
-def key_text(key: Key) -> str:
+def key_text(key: KeyPath) -> str:
     """A key path as text: ("robots", 0, "name") is `robots[0].name`."""
     text = ""
     for part in key:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trocar.procs.config.read.jsontext import Parsed, TextError, parse_json
-from trocar.procs.config.read.problem import WARNING, FileProblem, Key, key_text, value_text
+from trocar.procs.config.read.problem import WARNING, FileProblem, KeyPath, key_text, value_text
 from trocar.procs.config.read.yamltext import parse_yaml
 
 _YAML = (".yaml", ".yml")
@@ -24,15 +24,15 @@ class SourceFile:
 
     path: Path
     data: dict[str, object]
-    lines: Mapping[Key, int]
-    overrides: frozenset[Key] = frozenset()
+    lines: Mapping[KeyPath, int]
+    overrides: frozenset[KeyPath] = frozenset()
 
-    def at(self, key: Key) -> object:
+    def at(self, key: KeyPath) -> object:
         """The value at `key`; None when there is none."""
         found = self._find(key)
         return None if found is _MISSING else found
 
-    def has(self, key: Key) -> bool:
+    def has(self, key: KeyPath) -> bool:
         """Whether `key` is written in the file."""
         return self._find(key) is not _MISSING
 
@@ -45,14 +45,14 @@ class SourceFile:
         lines = {(here.get(str(key[0]), key[0]), *key[1:]) if key else key: line for key, line in self.lines.items()}
         return SourceFile(self.path, data, lines, self.overrides)
 
-    def problem(self, key: Key, text: str, *, allowed: str = "", severity: str = "error") -> FileProblem:
+    def problem(self, key: KeyPath, text: str, *, allowed: str = "", severity: str = "error") -> FileProblem:
         """A finding at `key`, with the nearest known line."""
         found = self._find(key)
         value = "" if found is _MISSING or not key else value_text(found)
         file, line = self._place(key)
         return FileProblem(file, line, key_text(key), value, text, allowed, severity)
 
-    def _place(self, key: Key) -> tuple[str, int]:
+    def _place(self, key: KeyPath) -> tuple[str, int]:
         if key not in self.lines and any(given[: len(key)] == key for given in self.overrides):
             return "--set", 0
         for cut in range(len(key), -1, -1):
@@ -62,7 +62,7 @@ class SourceFile:
                 return str(self.path), self.lines[key[:cut]]
         return str(self.path), 0
 
-    def _find(self, key: Key) -> object:
+    def _find(self, key: KeyPath) -> object:
         here: object = self.data
         for part in key:
             in_list = isinstance(here, list) and isinstance(part, int) and 0 <= part < len(here)

@@ -14,10 +14,9 @@ from annotated_types import Ge, Gt, Le, Lt, MinLen
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
-from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem, Key
+from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem, KeyPath
 from trocar.procs.config.read.source import SourceFile
-from trocar.procs.document.keys import Key as DeclaredKey
-from trocar.procs.document.keys import keys_in
+from trocar.procs.document.keys import Key, keys_in
 from trocar.procs.fpga.port_name import PortNameError
 
 Item = TypeVar("Item")
@@ -43,7 +42,7 @@ _SLIP = 0.75  # an unknown key of at least this similarity counts as a typing er
 _CALIBRATION = re.compile(  # a word of a name
     r"(?:^|[_-])(?:scales?|scaling|offsets?|gains?|limits?|lower|upper|qmin|qmax|ftmax|max|currents?|tolerances?|distance)"
     r"(?:[_-]|$)", re.IGNORECASE)
-_FORMAT: dict[Key, int] = {("$id",): 0, ("$version",): 1}  # reported first: a file of another format has many errors
+_FORMAT: dict[KeyPath, int] = {("$id",): 0, ("$version",): 1}  # reported first: other formats cause many errors
 VersionAsText = BeforeValidator(_whole_as_text)
 
 
@@ -67,7 +66,7 @@ def keys_of(kind: type) -> Callable[[type[ModelType]], type[ModelType]]:
     return add
 
 
-def _field_of(field: dataclasses.Field[Any], hint: Any, key: DeclaredKey) -> FieldInfo:
+def _field_of(field: dataclasses.Field[Any], hint: Any, key: Key) -> FieldInfo:
     """A declared key as a pydantic field."""
     hint = typing.get_args(hint)[0]
     default = ... if field.default is dataclasses.MISSING else None if key.is_optional else field.default
@@ -83,7 +82,7 @@ def _field_of(field: dataclasses.Field[Any], hint: Any, key: DeclaredKey) -> Fie
 
 
 def validate(
-    model: type[ModelType], source: SourceFile, key: Key = (), *, unknown: str = WARNING
+    model: type[ModelType], source: SourceFile, key: KeyPath = (), *, unknown: str = WARNING
 ) -> tuple[ModelType | None, list[FileProblem]]:
     """Validate the part of `source` at `key`; returns a `model` (None with errors) and all problems.
 
@@ -125,8 +124,8 @@ def _counts_when_empty(annotation: Any) -> bool:
     return bool(getattr(unwrapped(annotation)[0], "counts_when_empty", False))
 
 
-def _problem(model: type[BaseModel], source: SourceFile, key: Key, error: Any) -> FileProblem:
-    inner: Key = tuple(error["loc"])
+def _problem(model: type[BaseModel], source: SourceFile, key: KeyPath, error: Any) -> FileProblem:
+    inner: KeyPath = tuple(error["loc"])
     where = (*key, *inner)
     annotation, metadata, description = _describe_at(model, inner)
     allowed = _allowed(annotation, metadata, description)
@@ -189,7 +188,7 @@ def fields_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
-def _describe_at(model: type[BaseModel], inner: Key) -> tuple[Any, list[Any], str]:
+def _describe_at(model: type[BaseModel], inner: KeyPath) -> tuple[Any, list[Any], str]:
     annotation: Any = model
     metadata: list[Any] = []
     description = ""
@@ -248,7 +247,7 @@ def _limit(item: Any) -> str:
     return ""
 
 
-def _unknown_keys(annotation: Any, source: SourceFile, key: Key, data: object, severity: str) -> list[FileProblem]:
+def _unknown_keys(annotation: Any, source: SourceFile, key: KeyPath, data: object, severity: str) -> list[FileProblem]:
     annotation = unwrapped(annotation)[0]
     problems: list[FileProblem] = []
     if isinstance(data, list) and typing.get_origin(annotation) is tuple:
@@ -267,7 +266,7 @@ def _unknown_keys(annotation: Any, source: SourceFile, key: Key, data: object, s
     return problems
 
 
-def _unknown(source: SourceFile, key: Key, known: Mapping[str, FieldInfo], severity: str) -> FileProblem:
+def _unknown(source: SourceFile, key: KeyPath, known: Mapping[str, FieldInfo], severity: str) -> FileProblem:
     """The problem of an unknown key: ignored as in the original software, but an error if it is likely a typing error
     that would leave a calibration, gain or limit at its default."""
     name = str(key[-1])

@@ -17,7 +17,7 @@ import yaml
 from yaml.composer import Composer
 
 from trocar.procs.config.read.jsontext import Parsed, TextError
-from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.problem import KeyPath
 
 _DEEPEST = 64
 _MAX_NODES = 500_000  # aliases can make a short text explode
@@ -84,7 +84,7 @@ class _YamlReader:
         self.parsed = Parsed()
         self.nodes = 0
 
-    def value(self, node: yaml.Node, key: Key) -> object:
+    def value(self, node: yaml.Node, key: KeyPath) -> object:
         self.nodes += 1
         if self.nodes > _MAX_NODES or len(key) > _DEEPEST:
             raise _error(node, "nested too deeply, or an alias that contains itself")
@@ -100,7 +100,7 @@ class _YamlReader:
             return _scalar(node)
         raise _error(node, "neither a text, a list nor a mapping")
 
-    def mapping(self, node: yaml.MappingNode, key: Key) -> dict[str, object]:
+    def mapping(self, node: yaml.MappingNode, key: KeyPath) -> dict[str, object]:
         result: dict[str, object] = {}
         for name_node, item in node.value:
             name = _name(name_node)
