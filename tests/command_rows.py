@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.command_row import POWER, SOME, Argument, CommandRow
 
 
+@cache
 def row_named(name: str, kind: str = "") -> CommandRow:
     """The row of this name of a kind, or of the first kind that has one; of an unknown command one that takes anything.
     """

@@ -30,22 +30,25 @@ AXES = 7
 PERIOD_NS = 2_000_000
 HURRIED_NS = 20_000_000
 SECOND = 1_000_000_000
+DESIRED_FIELDS = tuple((desired.field, desired) for desired in DESIRED_STATES)
 
 
-class View:
-    """A record by the names of its fields."""
+class View(dict[str, Any]):
+    """A record by the names of its fields, each of which is resolved once."""
 
     def __init__(self, field: Callable[[str], Any]) -> None:
+        super().__init__()
         self.field = field
 
-    def __getitem__(self, name: str) -> Any:
-        return self.field(name)
+    def __missing__(self, name: str) -> Any:
+        view = self[name] = self.field(name)
+        return view
 
     def set(self, name: str, value: Any) -> None:
-        self.field(name)[...] = value
+        self[name][...] = value
 
     def text(self, name: str) -> str:
-        return bytes(self.field(name).item()).decode()
+        return bytes(self[name].item()).decode()
 
 
 class Record(View):
@@ -86,7 +89,7 @@ class FakeIo(Guarded):
         """Read or set a flag of the arm's robot."""
         if value is not None:
             self.record[name][1] = value
-        return self.record[name][1].item()
+        return self.record[name].item(1)
 
     @property
     def position(self) -> Any:
@@ -155,7 +158,7 @@ class FakeIo(Guarded):
         if self.flag("fault") and not self._had_fault:
             self.void()
         self._had_fault = bool(self.flag("fault"))
-        generation = int(setpoint["desired_generation"].item())
+        generation = setpoint["desired_generation"].item()
         if generation not in (0, self.flag("desired_generation")):
             self.flag("desired_generation", generation)
             self.flag("desired_void", False)
@@ -163,12 +166,12 @@ class FakeIo(Guarded):
             self._looked_at.clear()
         if not generation or self.flag("desired_void"):
             return
-        origin = Origin(int(setpoint["desired_origin"]), int(setpoint["desired_since"]),
-                        setpoint.text("desired_program"))
         refused = ""
-        for desired in DESIRED_STATES:
-            wanted = int(setpoint[desired.field].item())
+        for field, desired in DESIRED_FIELDS:
+            wanted = setpoint[field].item()
             if wanted and bool(self.flag(desired.shown)) is not (wanted == 2):
+                origin = Origin(int(setpoint["desired_origin"]), int(setpoint["desired_since"]),
+                                setpoint.text("desired_program"))
                 name, values = desired.on if wanted == 2 else desired.off
                 if self.loses.get(name, 0) > 0:
                     self.loses[name] -= 1
@@ -237,8 +240,8 @@ class FakeIo(Guarded):
         if not self.flag("pid_enabled"):
             self.setpoint[...] = self.position
             return
-        tags = all(int(setpoint[tag].item()) == self.flag(tag) for tag in ("bias_generation", "pid_generation"))
-        drive = int(setpoint["mode"].item()) == 1 and tags
+        tags = all(setpoint[tag].item() == self.flag(tag) for tag in ("bias_generation", "pid_generation"))
+        drive = setpoint["mode"].item() == 1 and tags
         in_effort = setpoint["in_effort"][: self.axes] & drive
         if not drive:  # what applied efforts is held where it is
             np.copyto(self.setpoint, self.position, where=self.record["effort_mode"][2:])
