@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from tests import stock
 from tests.arm.fake_io import Record
 from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order
@@ -15,7 +18,9 @@ from trocar.procs.arm.arm import ArmLogic
 from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.effort_limits import motor_efforts
 from trocar.procs.arm.loop import gripper_in, place_in
+from trocar.procs.config import load_system
 from trocar.procs.document.system import SystemConfig
+from trocar.procs.host.objects import RememberedObjects
 from trocar.procs.io.setpoint_rings import DesiredFields
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.tables import codes
@@ -127,3 +132,40 @@ class OnBoards:
         for _ in range(round(seconds / self.period_s)):
             self.step(alive=False)
         self.start_arm()
+
+
+SLOW = ("io.period_s=0.002", "arm.period_s=0.002")
+"""Settings for long ways: a third of the cycles."""
+
+
+def of_site(file: str, name: str, *sets: str) -> OnBoards:
+    """An arm of a real site."""
+    loaded = load_system(stock.find(f"dvrk-site/{file}.json"), search=[stock.find("dvrk-share")], boards="emulated",
+                         sets=sets)
+    assert loaded.system is not None, loaded.errors
+    return OnBoards(loaded.system, name)
+
+
+@dataclass(frozen=True)
+class Homed:
+    """An arm that was homed once, the s that it spent in each state, and the s from the first command on."""
+
+    robot: OnBoards
+    spent: dict[str, float]
+    seconds: float
+    then: RememberedObjects
+
+    @classmethod
+    @cache
+    def of_site(cls, file: str, name: str) -> Homed:
+        """One for all tests; homing takes seconds."""
+        robot = of_site(file, name)
+        robot.run(0.1)
+        start = robot.clock.ns
+        spent = robot.homed()
+        return cls(robot, spent, (robot.clock.ns - start) * 1e-9, RememberedObjects({"robot": robot}))
+
+    def again(self) -> OnBoards:
+        """The arm as it was when it was homed."""
+        self.then.put_back()
+        return self.robot

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import stock
-from tests.arm.on_boards import OnBoards
-from trocar.procs.config import load_system
+from tests.arm.on_boards import Homed
 
 pytestmark = pytest.mark.slow
 WAY = ["CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "HOMING"]
@@ -22,14 +20,9 @@ ARMS = (
 
 @pytest.mark.parametrize(("file", "name", "most_s"), ARMS)
 def test_an_arm_homes_from_its_own_files(file: str, name: str, most_s: float) -> None:
-    system = load_system(stock.find(f"dvrk-site/{file}.json"), search=[stock.find("dvrk-share")],
-                         boards="emulated").system
-    assert system is not None
-    robot = OnBoards(system, name)
-    robot.run(0.1)
-    start = robot.clock.ns
-    spent = robot.homed()
-    assert list(spent) == WAY and (robot.clock.ns - start) * 1e-9 < most_s
+    homed = Homed.of_site(file, name)
+    assert list(homed.spent) == WAY and homed.seconds < most_s
+    robot = homed.again()
     robot.run(0.1)
     error = np.abs(robot.state["position"] - robot.state["setpoint_position"])[: len(robot.truth)]
     assert (error < TOLERANCE).all()

@@ -7,11 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from tests import stock
 from tests.arm.fake_requests import FakeRequest
-from tests.arm.on_boards import OnBoards
-from trocar.procs.config import load_system
-from trocar.procs.document.system import SystemConfig
+from tests.arm.on_boards import SLOW, Homed, OnBoards, of_site
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.poses import rotation_vector
 
@@ -20,48 +17,22 @@ WAY = ["CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "CALIBRATING_ROLL", 
 MAX_JUMP = 0.5e-3  # m
 
 
-def site(name: str) -> SystemConfig:
-    loaded = load_system(stock.find(f"dvrk-site/jhu-dVRK/system-{name}.json"), search=[stock.find("dvrk-share")],
-                         boards="emulated")
-    assert loaded.system is not None
-    return loaded.system
-
-
 def tip(robot: OnBoards) -> np.ndarray:
     """Where the tip really is."""
     joints = robot.arm.joints
     return Kinematics(robot.document.chain).fk(joints.to_joint @ robot.truth, np.eye(4))
 
 
-@pytest.fixture(scope="module")
-def homed() -> list[OnBoards]:
-    """Room for one that is homed: homing takes seconds, and most tests leave it as they found it."""
-    return []
-
-
 @pytest.fixture
-def robot(homed: list[OnBoards]) -> OnBoards:
-    """Homed, at zero, without problem: the one of the test before if it still is, else another."""
-    if homed and fit(homed[0]):
-        return homed[0]
-    made = OnBoards(site("MTML"), "MTML")
-    homes_well(made)
-    homed[:] = [made]
-    return made
+def robot() -> OnBoards:
+    """Homed, at zero."""
+    return Homed.of_site("jhu-dVRK/system-MTML", "MTML").again()
 
 
-def fit(robot: OnBoards) -> bool:
-    if robot.arm.state != "HOMED" or robot.harness.errors():
-        return False
-    robot.do("use_gravity_compensation", (1.0,))
-    move = robot.do("move_jp", (0.0,) * 7)
-    robot.until(lambda: move.outcomes[-1] in ("done", "failed", "refused"))
-    robot.run(0.2)
-    return move.outcomes[-1] == "done"
-
-
-def homes_well(robot: OnBoards) -> None:
-    spent = robot.homed()
+@pytest.mark.parametrize("name", ("MTML", "MTMR"))
+def test_a_master_of_a_real_site_homes(name: str) -> None:
+    homed = Homed.of_site(f"jhu-dVRK/system-{name}", name)
+    robot, spent = homed.again(), homed.spent
     assert list(spent) == WAY
     assert spent["CALIBRATING_ROLL"] < 4.5 and spent["RESETTING_ROLL_ENCODER"] < 0.1
     assert spent["HOMING"] == pytest.approx(480 / 360 + 1, abs=0.1)
@@ -70,13 +41,8 @@ def homes_well(robot: OnBoards) -> None:
     assert robot.state["gripper_valid"] and robot.state["is_homed"]
 
 
-def test_a_master_of_a_real_site_homes(robot: OnBoards) -> None:
-    assert robot.document.name == "MTML"
-    homes_well(OnBoards(site("MTMR"), "MTMR"))
-
-
 def test_a_process_that_dies_on_the_way_home_jerks_nothing() -> None:
-    robot = OnBoards(site("MTML"), "MTML")
+    robot = of_site("jhu-dVRK/system-MTML", "MTML", *SLOW)
     for state in ("CALIBRATING_ROLL", "RESETTING_ROLL_ENCODER", "HOMING"):
         dies_on_the_way_home(robot, state)
     robot.homed()
