@@ -36,6 +36,7 @@ class OnBoards:
     """One arm of a system; `truth` is where its actuators really are."""
 
     def __init__(self, system: SystemConfig, name: str) -> None:
+        self.system = system
         self.document = system.emulated().arm(name)
         self.harness = BoardsHarness(system, self.document.io)
         self.io, self.clock = self.harness.record, self.harness.clock

@@ -7,11 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests import stock
-from tests.arm.on_boards import OnBoards
+from tests.arm.on_boards import SLOW, OnBoards, of_site
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.boards.instruments import EmulatedInstruments
-from trocar.procs.config import load_system
+from trocar.procs.host.objects import RememberedObjects
 from trocar.procs.kinematics.forward import Kinematics
 
 pytestmark = pytest.mark.slow
@@ -25,15 +24,12 @@ class Site:
     """The PSM1 of a site, with somebody who puts things on it."""
 
     def __init__(self, site: str) -> None:
-        loaded = load_system(stock.find(f"dvrk-site/{site}/system-PSM1.json"), search=[stock.find("dvrk-share")],
-                             boards="emulated")
-        assert loaded.system is not None, loaded
-        self.robot = robot = OnBoards(loaded.system, "PSM1")
+        self.robot = robot = of_site(f"{site}/system-PSM1", "PSM1", *SLOW)
         robot.document = dataclasses.replace(robot.document, tool_detection="MANUAL")
         robot.start_arm()
         world, plant = robot.harness.world, robot.harness.plant
         self.board_faults = BoardFaults(world, plant)
-        self.hands = EmulatedInstruments(loaded.system.emulated(), world, self.board_faults, plant)
+        self.hands = EmulatedInstruments(robot.system.emulated(), world, self.board_faults, plant)
 
     def with_adapter(self) -> None:
         """Homed; its adapter is put on, and being engaged."""
@@ -83,14 +79,13 @@ def engaged_well(robot: OnBoards, joints: int) -> None:
     assert np.abs(robot.truth[3:]).max() < 0.03
 
 
-def test_a_process_that_dies_while_engaging_begins_it_again(engaged: list[Site]) -> None:
+def test_a_process_that_dies_while_engaging_begins_it_again() -> None:
     made = Site("jhu-dVRK")
     made.with_adapter()
     dies_while_engaging(made)
     made.put_on(NEEDLE_DRIVER)
     dies_while_engaging(made)
     engaged_well(made.robot, 6)
-    engaged[:] = [made]
 
 
 def dies_while_engaging(made: Site) -> None:
@@ -106,22 +101,21 @@ def dies_while_engaging(made: Site) -> None:
 
 
 @pytest.fixture(scope="module")
-def engaged() -> list[Site]:
-    """Room for one that has its instrument engaged: that takes half a minute of its clock."""
-    return []
-
-
-@pytest.fixture
-def site(engaged: list[Site]) -> Site:
-    """A needle driver engaged and no problem: what the test before left if it is so, else another."""
-    if engaged and engaged[0].robot.arm.state == "HOMED" and not problems(engaged[0].robot):
-        return engaged[0]
+def engaged() -> tuple[Site, RememberedObjects]:
+    """A needle driver engaged, and what puts it back: engaging takes half a minute of its clock."""
     made = Site("jhu-dVRK")
     made.with_adapter()
     made.until_engaged()
     made.put_on(NEEDLE_DRIVER)
     made.until_engaged()
-    engaged[:] = [made]
+    return made, RememberedObjects({"site": made})
+
+
+@pytest.fixture
+def site(engaged: tuple[Site, RememberedObjects]) -> Site:
+    """A needle driver engaged."""
+    made, then = engaged
+    then.put_back()
     return made
 
 
