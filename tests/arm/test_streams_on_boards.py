@@ -10,13 +10,15 @@ import pytest
 from tests.arm.on_boards import OnBoards
 from trocar.procs.arm.governor import MAX_LAG_S
 from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.host.objects import RememberedObjects
 
 DEEP = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
 RANGE = np.array((1.0, 0.8, 0.08, 4.0, 1.3, 1.3))  # from there, either way
 
 
 @pytest.fixture(scope="module")
-def made() -> OnBoards:
+def made() -> tuple[OnBoards, RememberedObjects]:
+    """Deep, following a steady stream; and what puts it back there."""
     loaded = load_system(PROJECT_CONFIGS / "systems" / "demo.yaml", boards="emulated")
     assert loaded.system is not None
     robot = OnBoards(loaded.system, "PSM1")
@@ -25,21 +27,23 @@ def made() -> OnBoards:
     robot.do("emulate_adapter_present", (1.0,))
     robot.do("emulate_tool_present", (1.0,))
     robot.until(lambda: robot.state["is_homed"] and robot.state["count"] == 6)
-    return robot
+    move = robot.do("move_jp", DEEP)
+    robot.until(lambda: move.outcomes[-1] != "accepted")
+    robot.run(0.6)
+    for _ in range(20):
+        request = robot.do("servo_jp", DEEP)
+        assert request.outcomes == ["done"], (request.replies, move.replies)
+    return robot, RememberedObjects({"robot": robot})
 
 
 @pytest.fixture
-def robot(made: OnBoards) -> Iterator[OnBoards]:
-    """Deep, following a steady stream."""
-    move = made.do("move_jp", DEEP)
-    made.until(lambda: move.outcomes[-1] != "accepted")
-    made.run(0.6)
-    for _ in range(20):
-        request = made.do("servo_jp", DEEP)
-        assert request.outcomes == ["done"], (request.replies, move.replies)
-    yield made
-    assert made.arm.state == "HOMED" and not made.harness.errors() and not made.reports.of("error")
-    assert made.io.power_requested.all() and made.io.amps_on.all() and made.io.pid_enabled.all()
+def robot(made: tuple[OnBoards, RememberedObjects]) -> Iterator[OnBoards]:
+    """Deep, following a steady stream; at the end it has lost nothing."""
+    robot, then = made
+    then.put_back()
+    yield robot
+    assert robot.arm.state == "HOMED" and not robot.harness.errors() and not robot.reports.of("error")
+    assert robot.io.power_requested.all() and robot.io.amps_on.all() and robot.io.pid_enabled.all()
 
 
 def largest_error(robot: OnBoards) -> float:
