@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from trocar.procs.config import load_system
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.host.objects import RememberedObjects
 from trocar.procs.io.setpoint_rings import DesiredFields
+from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
@@ -80,6 +81,11 @@ class OnBoards:
     @property
     def truth(self) -> np.ndarray:
         return self.harness.plant.position[self.harness.world.wiring.robots[self.document.robot]]
+
+    @cached_property
+    def chain(self) -> Kinematics:
+        """Of the arm without an instrument."""
+        return Kinematics(self.document.chain)
 
     def step(self, *requests: FakeRequest, alive: bool = True) -> None:
         """One cycle of boards, io and arm; not `alive`: the arm's process is away."""

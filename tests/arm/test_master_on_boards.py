@@ -9,7 +9,6 @@ import pytest
 
 from tests.arm.fake_requests import FakeRequest
 from tests.arm.on_boards import SLOW, Homed, OnBoards, of_site
-from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.poses import rotation_vector
 
 pytestmark = pytest.mark.slow
@@ -19,8 +18,7 @@ MAX_JUMP = 0.5e-3  # m
 
 def tip(robot: OnBoards) -> np.ndarray:
     """Where the tip really is."""
-    joints = robot.arm.joints
-    return Kinematics(robot.document.chain).fk(joints.to_joint @ robot.truth, np.eye(4))
+    return robot.chain.fk(robot.arm.joints.to_joint @ robot.truth, np.eye(4))
 
 
 @pytest.fixture
@@ -63,8 +61,7 @@ def dies_on_the_way_home(robot: OnBoards, state: str) -> None:
     robot.run(0.5)
     assert robot.arm.state == "ENABLED", state
     if state == "HOMING":  # it was moving: it stops where it was asked to be
-        chain = Kinematics(robot.document.chain)
-        before = chain.fk(robot.arm.joints.to_joint @ asked, np.eye(4))[:3, 3]
+        before = robot.chain.fk(robot.arm.joints.to_joint @ asked, np.eye(4))[:3, 3]
     assert np.abs(tip(robot)[:3, 3] - before).max() < (2e-3 if state == "HOMING" else MAX_JUMP), state
 
 
