@@ -39,31 +39,57 @@ def bits(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(array).view(np.uint8)
 
 
-def both(name: str, bound: BoundStruct, native_code: Callable[..., int], by_numpy: Callable[..., int], *given: float,
+class Memory:
+    """All arrays of a struct that its functions may write, copied as one piece: that is cheap in every cycle."""
+
+    def __init__(self, bound: BoundStruct) -> None:
+        self.bound = bound
+        self.arrays = {key: array for key, array in bound.arrays.items()
+                       if array.flags.writeable and 0 < array.size < LARGE}
+        self.pieces = [array.reshape(-1).view(np.uint8) for array in self.arrays.values()]
+        self.starts = np.cumsum([0, *(piece.size for piece in self.pieces[:-1])])
+
+    def copy(self) -> np.ndarray:
+        """The bytes of all arrays, one after the other."""
+        return np.concatenate(self.pieces)
+
+    def restore(self, was: np.ndarray, now: np.ndarray) -> None:
+        """Write back the arrays that have changed from `was` to `now`."""
+        for index in np.flatnonzero(np.bitwise_or.reduceat(was ^ now, self.starts)).tolist():
+            piece, start = self.pieces[index], self.starts[index]
+            piece[...] = was[start : start + piece.size]
+
+    def compare(self, name: str, by_native: np.ndarray) -> None:
+        """AssertionError names the first array that differs."""
+        for start, (key, array) in zip(self.starts, self.arrays.items(), strict=True):
+            made = by_native[start : start + array.nbytes].copy().view(array.dtype).reshape(array.shape)
+            if not np.array_equal(bits(made), bits(array)):
+                where = np.flatnonzero(bits(made) != bits(array))[0] // array.itemsize
+                raise AssertionError(f"{name}: {key}[{where}] is {made.flat[where]!r} by native code, "
+                                     f"{array.flat[where]!r} by numpy")
+
+
+def both(name: str, memory: Memory, native_code: Callable[..., int], by_numpy: Callable[..., int], *given: float,
          exact: bool = False) -> int:
-    """Call both with the same memory; AssertionError names the first array in which they differ.
+    """Call both with the same memory, and compare.
 
     `exact`: they return the same number, else the same truth.
     """
-    arrays = [(key, array) for key, array in bound.arrays.items() if array.flags.writeable and array.size < LARGE]
-    before = [array.copy() for _, array in arrays]
+    before = memory.copy()
     found = native_code(*given)
-    after = [array.copy() for _, array in arrays]
-    for (_, array), was in zip(arrays, before, strict=True):
-        array[...] = was
+    after = memory.copy()
+    memory.restore(before, after)
     with np.errstate(all="ignore"):
         wanted = by_numpy(*given)
     agreed = found == wanted if exact else bool(found) == bool(wanted)
     assert agreed, f"{name}: {found} by native code, {wanted} by numpy"
-    for (key, array), made in zip(arrays, after, strict=True):
-        if made.tobytes() != array.tobytes() and not np.array_equal(bits(made), bits(array)):
-            where = np.flatnonzero(bits(made) != bits(array))[0] // array.itemsize
-            raise AssertionError(f"{name}: {key}[{where}] is {made.flat[where]!r} by native code, "
-                                 f"{array.flat[where]!r} by numpy")
+    if not np.array_equal(after, memory.copy()):
+        memory.compare(name, after)
     Compared.calls += 1
     Compared.names.add(name)
     if Compared.calls % SELDOM == 1:
-        assert not bound.moved(), f"{name}: elsewhere now: {bound.moved()}"
+        moved = memory.bound.moved()
+        assert not moved, f"{name}: elsewhere now: {moved}"
     return wanted
 
 
@@ -72,8 +98,9 @@ def shadowed(parts: RobotIo) -> Stages:
     bound = bind(IO, parts)
     assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
     native_code, by_numpy = native_stages(bound, "not here", parts), numpy_stages(parts, "")
+    memory = Memory(bound)
     return dataclasses.replace(native_code, **{
-        name: partial(both, name, bound, getattr(native_code, name), getattr(by_numpy, name), exact=name == "at_once")
+        name: partial(both, name, memory, getattr(native_code, name), getattr(by_numpy, name), exact=name == "at_once")
         for name in IO.functions}, bound=None)
 
 
@@ -83,7 +110,8 @@ def chosen_both(table: CStruct, source: object, prefix: str = "") -> tuple[Calla
         return chosen(table, source, prefix)
     bound = bind(table, source)
     assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
-    return tuple(partial(both, name, bound, bound.function(name), getattr(source, name), exact=True)
+    memory = Memory(bound)
+    return tuple(partial(both, name, memory, bound.function(name), getattr(source, name), exact=True)
                  for name in table.functions)
 
 
