@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import pkgutil
 from pathlib import Path
-from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given
-from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from tests.config.conftest import SYSTEM, Home
-from tests.examples import examples
 from trocar.procs.config import models
 from trocar.procs.config.read.problem import FileProblem, value_text
 from trocar.procs.config.read.source import SourceFile
@@ -21,17 +18,14 @@ from trocar.procs.config.read.validate import fields_of, validate
 
 MARK = "zqx"  # in every value, and in nothing that is allowed
 FILE, LINE = "spoiled.json", 47
-KEYS = [(model, key) for model in (
-    *(model for module in pkgutil.iter_modules(models.__path__)
-      for model in vars(importlib.import_module(f"{models.__name__}.{module.name}")).values()
-      if isinstance(model, type) and issubclass(model, BaseModel)
-      and model.__module__ == f"{models.__name__}.{module.name}"),) for key in fields_of(model)]
-texts = st.sampled_from(("", "udp:", "eth:a/", "fw:", "fw:9999", "127.0.0.", "[::1]:", "9" * 30)).map(
-    lambda start: f"{start}{MARK}")
-values: st.SearchStrategy[Any] = st.one_of(
-    texts, st.sampled_from((-987654321.5, 987654321123, float("inf"))), st.lists(texts, min_size=1, max_size=2),
-    texts.map(lambda text: {MARK: text}), st.lists(st.lists(texts, min_size=1, max_size=1), min_size=1,
-                                                                    max_size=1))
+MODELS = [model for module in pkgutil.iter_modules(models.__path__)
+          for model in vars(importlib.import_module(f"{models.__name__}.{module.name}")).values()
+          if isinstance(model, type) and issubclass(model, BaseModel)
+          and model.__module__ == f"{models.__name__}.{module.name}"]
+TEXTS = [f"{start}{MARK}" for start in ("", "udp:", "eth:a/", "fw:", "fw:9999", "127.0.0.", "[::1]:", "9" * 30)]
+VALUES: list[object] = [
+    *TEXTS, -987654321.5, 987654321123, float("inf"), TEXTS[:2], TEXTS[2:4],
+    *(shape for text in TEXTS for shape in ([text], {MARK: text}, [[text]]))]
 
 
 def told_once(problem: FileProblem, value: object) -> None:
@@ -42,16 +36,13 @@ def told_once(problem: FileProblem, value: object) -> None:
     assert MARK not in problem.text and MARK not in problem.allowed, line
 
 
-@pytest.mark.parametrize(("model", "key"), KEYS, ids=lambda part: getattr(part, "__name__", part))
-@examples(25, suppress_health_check=[HealthCheck.too_slow])
-@given(value=values)
-def test_a_wrong_value_is_told_with_file_line_key_value_and_what_is_allowed_each_once(
-    model: type[BaseModel], key: str, value: Any
-) -> None:
-    source = SourceFile(Path(FILE), {"outer": {key: value}}, {("outer",): LINE, ("outer", key): LINE})
-    for problem in validate(model, source, ("outer",))[1]:
-        if problem.key.startswith(f"outer.{key}") and "required" not in problem.text:
-            told_once(problem, source.at(_path(problem.key)))
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
+def test_a_wrong_value_is_told_with_file_line_key_value_and_what_is_allowed_each_once(model: type[BaseModel]) -> None:
+    for key, value in itertools.product(fields_of(model), VALUES):
+        source = SourceFile(Path(FILE), {"outer": {key: value}}, {("outer",): LINE, ("outer", key): LINE})
+        for problem in validate(model, source, ("outer",))[1]:
+            if problem.key.startswith(f"outer.{key}") and "required" not in problem.text:
+                told_once(problem, source.at(_path(problem.key)))
 
 
 def _path(text: str) -> tuple[str | int, ...]:
