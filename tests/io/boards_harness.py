@@ -147,7 +147,7 @@ class BoardsHarness:
             left -= 1
         return command
 
-    def bring_up(self, robot: str, samples: int = 300) -> None:
+    def bring_up(self, robot: str, samples: int = 30) -> None:
         """Powered, biased, checked and held by its joint controller."""
         for name, *values in (("power_on",), ("bias_encoders", samples), ("tracking_check", 1), ("pot_check", 1),
                               ("pid_enable", 1)):

@@ -265,7 +265,7 @@ def test_a_real_site_reads_its_instrument_while_it_holds() -> None:
     bus, local = BoardFaults(harness.world, harness.plant).board(harness.world.wiring.rows["IO1", 7])
     chip = bus.boards[local].dallas
     chip.insert(LND, bus.now)
-    harness.bring_up("PSM1", 30)
+    harness.bring_up("PSM1")
     done = harness.do("trigger_read", "PSM1_dallas")
     assert done.answers[-1] == ("done", TOOL)
     assert harness.record.pid_enabled[harness.robots.names.index("PSM1")] and harness.errors() == []
