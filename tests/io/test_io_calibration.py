@@ -58,7 +58,7 @@ def test_a_classic_arm_is_powered_and_held_as_ever() -> None:
 @pytest.mark.slow
 def test_an_si_arm_gets_power_for_its_brakes_only() -> None:
     loaded = load_system(stock.find("dvrk-site/jhu-daVinci-Si/system-PSM1.json"), search=[stock.find("dvrk-share")],
-                         boards="emulated", sets=["calibration_mode=true"])
+                         boards="emulated", sets=["calibration_mode=true", "io.period_s=0.002"])
     assert loaded.system is not None and loaded.system.io("IO1").calibration_mode
     harness = BoardsHarness(loaded.system)
     assert harness.do("power_on", "PSM1").outcome == "done"
