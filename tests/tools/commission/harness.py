@@ -48,13 +48,11 @@ class Hands(PersonSim):
 
 
 class RigBench:
-    """One io of a system; `faults` is what breaks on it."""
+    """One io of a system; `faults` is what breaks on it. Its periods are long: the stages judge tenths of a second."""
 
-
-    def __init__(self, file: str | Path, period_s: float = 0.004, sets: Sequence[str] = (),
-                 search: Sequence[Path] = ()) -> None:
+    def __init__(self, file: str | Path, sets: Sequence[str] = (), search: Sequence[Path] = ()) -> None:
         loaded = load_system(PROJECT_CONFIGS / "systems" / file, boards="emulated", search=search,
-                             sets=[f"io.period_s={period_s}", *sets])
+                             sets=["io.period_s=0.008", "emulation.period_s=0.004", *sets])
         assert loaded.system is not None, loaded.errors
         self.document = loaded.system
         self.harness = BoardsHarness(loaded.system, driven=True)
@@ -68,9 +66,9 @@ class RigBench:
 
     def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
             tuple[CommandOutcome, Window]:
-        asked, rows = FakeCommand(command, text, *values), []
+        asked = FakeCommand(command, text, *values)
+        rows = [self._noted(1, asked)]
         left = round(timeout * 1e9 / self.harness.period_ns)
-        rows.append(self._noted(1, asked))
         while asked.outcome == "accepted" and left:
             rows.append(self._noted(1))
             left -= 1

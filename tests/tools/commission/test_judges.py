@@ -18,7 +18,7 @@ from trocar.tools.inspect.bus_client import FoundBoard
 
 @pytest.fixture(scope="module")
 def bench() -> RigBench:
-    return RigBench("demo.yaml")
+    return RigBench("demo.yaml", sets=["io.period_s=0.004"])
 
 
 @pytest.fixture
