@@ -7,6 +7,7 @@ compared at attach, so that two programs with different tables never misread eac
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import re
@@ -27,6 +28,7 @@ MAX_STRIDE = 1 << 20
 MAX_DIMENSIONS = 8
 MAX_DEPTH = 1 << 16  # a reader keeps a view of every slot; 10 s at 6 kHz
 FIELD_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/-]{0,63}")
+KEPT_SCHEMAS = 256  # processes of one kind have the same ones, and every ring is made and attached to with them
 
 
 class LayoutError(Exception):
@@ -61,6 +63,7 @@ def schema_of(topic: Topic, dims: Mapping[str, int] | None = None) -> Schema:
     return schema_from_json(json.dumps(document, separators=(",", ":"), ensure_ascii=False).encode())
 
 
+@functools.lru_cache(KEPT_SCHEMAS)
 def schema_from_json(text: bytes) -> Schema:
     """The schema in a header; LayoutError if the text is not a schema (it may come from an untrusted source)."""
     try:
