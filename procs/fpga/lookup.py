@@ -70,6 +70,6 @@ class InverseLookup:
     def readings(self, position: Floats) -> NDArray[np.uint16]:
         """Readings (n,) at positions (n,); beyond a table's ends, the readings at the ends."""
         places = np.rint((position - self._low) * self._per_unit)
-        cell = np.clip(np.nan_to_num(places), 0, self.GRID - 1).astype(np.intp)
+        cell = np.minimum(np.fmax(places, 0.0), self.GRID - 1).astype(np.intp)  # NaN: 0
         found: NDArray[np.uint16] = self._flat[self._rows + cell]
         return found
