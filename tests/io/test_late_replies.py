@@ -106,7 +106,7 @@ class DisorderedLine:
             begin = resumed if stopped <= begin < resumed else begin
         self.free_ns = begin + WORK_NS
         if begin >= ALWAYS and not is_read:
-            return  # it never reaches a board, and nobody waits for a reply
+            return  # it never reaches a board, and no reply is expected
         to = request.node if self._by_board and request.node != wire.BROADCAST else GROUP
         reply = self.bus.answer(data, self.free_ns * 49 // 1000, to)
         if reply is not None:
