@@ -21,7 +21,6 @@ KEYS = ("cycle_cpu_us_p50", "cycle_following_cpu_us_p50", "fk_jacobian_us_p50", 
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
     result = bench_arm.run(cycles=60, poses=60)
     figures = result["figures"]

@@ -50,7 +50,6 @@ def test_ratios_are_formed_with_both_neighbours_and_of_paused_windows(monkeypatc
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_short_bench_gives_every_figure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     result = bench_boards.run(rounds=1, turn_s=0.05)
