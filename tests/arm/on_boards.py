@@ -154,7 +154,7 @@ def of_site(file: str, name: str, *sets: str) -> OnBoards:
 
 
 @dataclass(frozen=True)
-class Homed:
+class HomedOnBoards:
     """An arm that was homed once, the s that it spent in each state, and the s from the first command on."""
 
     robot: OnBoards
@@ -164,7 +164,7 @@ class Homed:
 
     @classmethod
     @cache
-    def of_site(cls, file: str, name: str) -> Homed:
+    def of_site(cls, file: str, name: str) -> HomedOnBoards:
         """One for all tests; homing takes seconds."""
         robot = of_site(file, name)
         robot.run(0.1)

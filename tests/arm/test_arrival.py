@@ -11,7 +11,7 @@ import pytest
 from tests.arm.arm_configs import bare_arm, fixed_arm
 from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_requests import FakeRequest
-from tests.arm.on_boards import Homed
+from tests.arm.on_boards import HomedOnBoards
 from trocar.procs.tables.arm_types import ARM_TYPES
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
@@ -118,7 +118,7 @@ def test_homing_that_does_not_arrive_names_the_joint() -> None:
     ("jhu-dVRK/system-MTML", "MTML", (0.3, 0.3, 0.2, 0.5, 0.5, 0.3, 1.0)),
 ])
 def test_a_healthy_arm_arrives_against_weight_and_friction(file: str, name: str, way: tuple[float, ...]) -> None:
-    robot = Homed.of_site(file, name).again()
+    robot = HomedOnBoards.of_site(file, name).again()
     arrival = np.array(robot.arm.joints.arrival)
     for part in (1.0, 0.2):
         move = robot.do("move_jp", part * np.array(way))
@@ -131,7 +131,7 @@ def test_a_healthy_arm_arrives_against_weight_and_friction(file: str, name: str,
 
 @pytest.mark.slow
 def test_a_jammed_joint_within_its_tracking_tolerance_ends_the_move_short() -> None:
-    robot = Homed.of_site("jhu-dVRK/system-PSM1", "PSM1").again()
+    robot = HomedOnBoards.of_site("jhu-dVRK/system-PSM1", "PSM1").again()
     robot.harness.plant.jam("PSM1", 1, True)
     here = robot.arm.io.position.copy()
     here[1] += 0.3

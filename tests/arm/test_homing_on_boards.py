@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.arm.on_boards import Homed
+from tests.arm.on_boards import HomedOnBoards
 
 pytestmark = pytest.mark.slow
 WAY = ["CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "HOMING"]
@@ -20,7 +20,7 @@ ARMS = (
 
 @pytest.mark.parametrize(("file", "name", "most_s"), ARMS)
 def test_an_arm_homes_from_its_own_files(file: str, name: str, most_s: float) -> None:
-    homed = Homed.of_site(file, name)
+    homed = HomedOnBoards.of_site(file, name)
     assert list(homed.spent) == WAY and homed.seconds < most_s
     robot = homed.again()
     robot.run(0.1)

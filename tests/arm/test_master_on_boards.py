@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.arm.fake_requests import FakeRequest
-from tests.arm.on_boards import SLOW, Homed, OnBoards, of_site
+from tests.arm.on_boards import SLOW, HomedOnBoards, OnBoards, of_site
 from trocar.procs.kinematics.poses import rotation_vector
 
 pytestmark = pytest.mark.slow
@@ -24,12 +24,12 @@ def tip(robot: OnBoards) -> np.ndarray:
 @pytest.fixture
 def robot() -> OnBoards:
     """Homed, at zero."""
-    return Homed.of_site("jhu-dVRK/system-MTML", "MTML").again()
+    return HomedOnBoards.of_site("jhu-dVRK/system-MTML", "MTML").again()
 
 
 @pytest.mark.parametrize("name", ("MTML", "MTMR"))
 def test_a_master_of_a_real_site_homes(name: str) -> None:
-    homed = Homed.of_site(f"jhu-dVRK/system-{name}", name)
+    homed = HomedOnBoards.of_site(f"jhu-dVRK/system-{name}", name)
     robot, spent = homed.again(), homed.spent
     assert list(spent) == WAY
     assert spent["CALIBRATING_ROLL"] < 4.5 and spent["RESETTING_ROLL_ENCODER"] < 0.1
