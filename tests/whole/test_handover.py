@@ -86,11 +86,13 @@ def test_after_every_handover_the_successor_follows(handovers: Handovers, times:
 
 
 @pytest.mark.parametrize("handovers", [3], indirect=True)
-@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
-def test_a_hold_from_another_program_ends_teleoperation_until_a_person_does_something(handovers: Handovers,
-                                                                                      which: str) -> None:
-    host, room = handovers.host, handovers.room
-    assert room.settles(RIGHT, LEFT)
+def test_a_hold_from_another_program_ends_teleoperation_until_a_person_does_something(handovers: Handovers) -> None:
+    assert handovers.room.settles(RIGHT, LEFT)
+    for which in ("MTMR", "PSM1"):
+        is_ended_by_a_hold(handovers.host, handovers.room, which)
+
+
+def is_ended_by_a_hold(host: Host, room: Room, which: str) -> None:
     slave, teleop = room.arms["PSM1"], room.teleops[RIGHT]
     with contextlib.closing(Client(host.name, which)) as other, contextlib.closing(Client(host.name, "MTMR")) as hand:
         other.send("hold")
