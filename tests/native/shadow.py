@@ -39,7 +39,7 @@ def bits(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(array).view(np.uint8)
 
 
-class Memory:
+class StructMemory:
     """All arrays of a struct that its functions may write, copied as one piece: that is cheap in every cycle."""
 
     def __init__(self, bound: BoundStruct) -> None:
@@ -69,7 +69,7 @@ class Memory:
                                      f"{array.flat[where]!r} by numpy")
 
 
-def both(name: str, memory: Memory, native_code: Callable[..., int], by_numpy: Callable[..., int], *given: float,
+def both(name: str, memory: StructMemory, native_code: Callable[..., int], by_numpy: Callable[..., int], *given: float,
          exact: bool = False) -> int:
     """Call both with the same memory, and compare.
 
@@ -98,7 +98,7 @@ def shadowed(parts: RobotIo) -> Stages:
     bound = bind(IO, parts)
     assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
     native_code, by_numpy = native_stages(bound, "not here", parts), numpy_stages(parts, "")
-    memory = Memory(bound)
+    memory = StructMemory(bound)
     return dataclasses.replace(native_code, **{
         name: partial(both, name, memory, getattr(native_code, name), getattr(by_numpy, name), exact=name == "at_once")
         for name in IO.functions}, bound=None)
@@ -110,7 +110,7 @@ def chosen_both(table: CStruct, source: object, prefix: str = "") -> tuple[Calla
         return chosen(table, source, prefix)
     bound = bind(table, source)
     assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
-    memory = Memory(bound)
+    memory = StructMemory(bound)
     return tuple(partial(both, name, memory, bound.function(name), getattr(source, name), exact=True)
                  for name in table.functions)
 

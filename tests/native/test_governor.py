@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.examples import examples
-from tests.native.shadow import Memory, both
+from tests.native.shadow import StructMemory, both
 from trocar.procs.arm.governor import Governor
 from trocar.procs.native.arm_fields import GOVERNOR
 from trocar.procs.native.bound import BoundStruct
@@ -43,7 +43,7 @@ def test_both_come_to_the_same_setpoints(name: str, seed: int) -> None:
         np.array(servo.speed), np.array(servo.acceleration), np.full(n, -LIMIT), np.full(n, LIMIT))
     bound = bind(GOVERNOR, governor)
     assert isinstance(bound, BoundStruct)
-    memory = Memory(bound)
+    memory = StructMemory(bound)
     governor.start(rng.uniform(-1.0, 1.0, n))
     for _ in range(6):
         for array in (governor.target, governor.feed, governor.asked):
