@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -163,9 +163,8 @@ class HomedOnBoards:
     then: RememberedObjects
 
     @classmethod
-    @cache
     def of_site(cls, file: str, name: str) -> HomedOnBoards:
-        """One for all tests; homing takes seconds."""
+        """One that is homed now, which takes seconds; tests take it from the fixture `homed_on_boards`."""
         robot = of_site(file, name)
         robot.run(0.1)
         start = robot.clock.ns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -117,8 +118,10 @@ def test_homing_that_does_not_arrive_names_the_joint() -> None:
     ("jhu-daVinci/system-ECM", "ECM", (0.6, 0.6, 0.1, 0.5)),
     ("jhu-dVRK/system-MTML", "MTML", (0.3, 0.3, 0.2, 0.5, 0.5, 0.3, 1.0)),
 ])
-def test_a_healthy_arm_arrives_against_weight_and_friction(file: str, name: str, way: tuple[float, ...]) -> None:
-    robot = HomedOnBoards.of_site(file, name).again()
+def test_a_healthy_arm_arrives_against_weight_and_friction(
+    homed_on_boards: Callable[[str, str], HomedOnBoards], file: str, name: str, way: tuple[float, ...]
+) -> None:
+    robot = homed_on_boards(file, name).again()
     arrival = np.array(robot.arm.joints.arrival)
     for part in (1.0, 0.2):
         move = robot.do("move_jp", part * np.array(way))
@@ -130,8 +133,10 @@ def test_a_healthy_arm_arrives_against_weight_and_friction(file: str, name: str,
 
 
 @pytest.mark.slow
-def test_a_jammed_joint_within_its_tracking_tolerance_ends_the_move_short() -> None:
-    robot = HomedOnBoards.of_site("jhu-dVRK/system-PSM1", "PSM1").again()
+def test_a_jammed_joint_within_its_tracking_tolerance_ends_the_move_short(
+    homed_on_boards: Callable[[str, str], HomedOnBoards]
+) -> None:
+    robot = homed_on_boards("jhu-dVRK/system-PSM1", "PSM1").again()
     robot.harness.plant.jam("PSM1", 1, True)
     here = robot.arm.io.position.copy()
     here[1] += 0.3

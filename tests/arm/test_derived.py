@@ -156,7 +156,7 @@ def test_mistakes_of_the_class_are_told_at_once() -> None:
 
     with pytest.raises(ValueError, match="Deaf has no on_nod"):
         nodder(Deaf)
-    with pytest.raises(ValueError, match="HOMED cannot be a state of its own"):
+    with pytest.raises(ValueError, match="HOMED cannot be a new state"):
         nodder(Homed)
     with pytest.raises(ValueError, match="hold is a command of every arm"):
         ArmHarness(dataclasses.replace(fixed_arm(), commands=(UserCommand("hold"),)), kind=Nodder)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -19,8 +21,10 @@ ARMS = (
 
 
 @pytest.mark.parametrize(("file", "name", "most_s"), ARMS)
-def test_an_arm_homes_from_its_own_files(file: str, name: str, most_s: float) -> None:
-    homed = HomedOnBoards.of_site(file, name)
+def test_an_arm_homes_from_its_own_files(
+    homed_on_boards: Callable[[str, str], HomedOnBoards], file: str, name: str, most_s: float
+) -> None:
+    homed = homed_on_boards(file, name)
     assert list(homed.spent) == WAY and homed.seconds < most_s
     robot = homed.again()
     robot.run(0.1)

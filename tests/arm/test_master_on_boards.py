@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -22,14 +23,16 @@ def tip(robot: OnBoards) -> np.ndarray:
 
 
 @pytest.fixture
-def robot() -> OnBoards:
+def robot(homed_on_boards: Callable[[str, str], HomedOnBoards]) -> OnBoards:
     """Homed, at zero."""
-    return HomedOnBoards.of_site("jhu-dVRK/system-MTML", "MTML").again()
+    return homed_on_boards("jhu-dVRK/system-MTML", "MTML").again()
 
 
 @pytest.mark.parametrize("name", ("MTML", "MTMR"))
-def test_a_master_of_a_real_site_homes(name: str) -> None:
-    homed = HomedOnBoards.of_site(f"jhu-dVRK/system-{name}", name)
+def test_a_master_of_a_real_site_homes(
+    homed_on_boards: Callable[[str, str], HomedOnBoards], name: str
+) -> None:
+    homed = homed_on_boards(f"jhu-dVRK/system-{name}", name)
     robot, spent = homed.again(), homed.spent
     assert list(spent) == WAY
     assert spent["CALIBRATING_ROLL"] < 4.5 and spent["RESETTING_ROLL_ENCODER"] < 0.1

@@ -38,7 +38,7 @@ def is_released(host: CartHost, arm: str) -> bool:
 def test_brakes_hold_an_arm_until_their_current_lets_it_go(host: CartHost) -> None:
     host.power_on()
     before = host.joints.positions["ECM"]
-    with pytest.raises(ValueError, match="ECM: its brakes hold"):
+    with pytest.raises(ValueError, match="ECM: its brakes are engaged"):
         host.joints.place("ECM", PLACES["ECM"])
     assert host.joints.positions["ECM"] == before
     host.current(1, 1.1)
@@ -50,7 +50,7 @@ def test_brakes_hold_an_arm_until_their_current_lets_it_go(host: CartHost) -> No
     host.current(1, 0.9)
     assert is_released(host, "ECM"), "less keeps it released"
     host.current(1, 0.0)
-    with pytest.raises(ValueError, match="brakes hold"):
+    with pytest.raises(ValueError, match="brakes are engaged"):
         host.joints.place("ECM", PLACES["ECM"])
 
 
@@ -97,7 +97,7 @@ def test_brakes_without_a_release_current_always_hold(plain: SystemConfig) -> No
 def test_an_order_moves_a_set_up_arm_that_is_let_go(host: CartHost) -> None:
     board_faults = BoardFaults(host.world, Rails(4))
     there = np.array(PLACES["PSM2"])
-    with pytest.raises(ValueError, match="brakes hold"):
+    with pytest.raises(ValueError, match="brakes are engaged"):
         board_faults.place("SUJ/PSM2", there)
     host.power_on()
     host.current(3, 2.2)

@@ -117,7 +117,7 @@ def test_fields_that_are_not_there_are_named_with_those_near(played: ScriptedRob
         rows_and_cells(played, "PSM1/measured_js")
     with pytest.raises(BadPath, match=r"takes no index"):
         rows_and_cells(played, "PSM1/state.count[0]")
-    with pytest.raises(BadPath, match=r"take PSM1/events.value"):
+    with pytest.raises(BadPath, match=r"use PSM1/events.value"):
         rows_and_cells(played, "PSM1/error.value")
 
 

@@ -41,6 +41,6 @@ def test_a_recorder_goes_on_when_a_full_disk_has_room_again(world: Any, tmp_path
         assert whole and not problems and count > 5
     assert set(found["files"]) == {"box", "grasp", "fault"}, "also what was begun while it was full"
     assert found["not_kept"] == ["", True]
-    assert not found["before"]["error"] and "is not recorded" in found["full"]["error"]
+    assert not found["before"]["error"] and "nothing is recorded" in found["full"]["error"]
     assert "the last fault was not recorded: No space left" in found["later"]["error"]
     assert Path(found["kept"]).name.startswith("fault-")

@@ -209,7 +209,7 @@ def test_an_answer_that_is_no_pose_is_a_problem(kinematic: ScriptedRobot, answer
     kinematic.show_arm(state="ENABLED")
     with trocar.arm("PSM1", kinematic.name) as psm:
         thread = reported(kinematic, lambda command: command.done(answer))
-        with pytest.raises(trocar.Problem, match="which are no"):
+        with pytest.raises(trocar.Problem, match="which are not"):
             psm.forward_kinematics([0] * 6)
         thread.join()
 
