@@ -12,7 +12,7 @@ from tests.arm.on_boards import HomedOnBoards
 
 @pytest.fixture(scope="session")
 def homed_on_boards() -> Iterator[Callable[[str, str], HomedOnBoards]]:
-    """By system file and name, each homed once. They are released at the end: ruckig reports objects that outlive it."""
+    """By system file and name, each homed once; released at the end, because ruckig reports objects that outlive it."""
     kept = cache(HomedOnBoards.of_site)
     yield kept
     kept.cache_clear()

@@ -267,5 +267,5 @@ def test_a_recorder_that_dies_does_not_keep_anybody_waiting(recording: Recording
 
     recording.happens = silent
     said = recording.types("run", "PSM1")
-    assert said.exit_code == 1 and "the recorder has shown nothing for 3 s: it hangs; the recording up to then" in said.stderr
+    assert said.exit_code == 1 and "has shown nothing for 3 s: it hangs; the recording up to then" in said.stderr
     assert "/run-" in said.stderr
