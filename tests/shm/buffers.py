@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 from tests.shm.process import Address, Group
 
+CELLS = 64  # of the memory
 MODELS = ("tso", "streams", "pso", "weak")
 
 
@@ -27,11 +28,12 @@ class Memory:
 class Buffer:
     """Stores on their way to the memory: groups of (cell, value); one object for each content."""
 
-    __slots__ = ("drains", "groups", "own")
+    __slots__ = ("drains", "groups", "mask", "own")
 
     def __init__(self, groups: tuple[Group, ...]) -> None:
         self.groups = groups
         self.own = {cell: value for group in groups for cell, value in group}  # what its process loads from it
+        self.mask = sum(1 << cell for cell in self.own)
         self.drains: list[tuple[int, int, Buffer]] | None = None
 
     def __bool__(self) -> bool:
@@ -72,6 +74,11 @@ class Storage:
         if buffer.drains is None:
             buffer.drains = list(self._drains(buffer.groups))
         return buffer.drains
+
+    def lasting(self, buffer: Buffer) -> list[tuple[int, int, Buffer]]:
+        """Those that stay possible whatever else drains; the last word of a copy does not overtake any more."""
+        drains = self.drains(buffer)
+        return drains[: len(buffer.groups[0])] if self._model == "streams" and drains else drains
 
     def _drains(self, groups: tuple[Group, ...]) -> Iterator[tuple[int, int, Buffer]]:
         seen: set[int] = set()

@@ -1,7 +1,7 @@
 """All interleavings of a few processes that share memory, with the real code deciding what each does next.
 
 The explorer walks through the product of the processes (tests/shm/process.py) with the memory, breadth first, so the
-schedule it reports for a violation is a shortest one.
+schedule it reports for a violation is a short one.
 
 What can happen (each is one step, and the explorer tries all orders):
 - a store goes into the buffer of its process, a copy as one group;
@@ -23,7 +23,9 @@ way there does not matter any more. `schedules` counts the paths through the mer
 Why some steps go first: a store into the own buffer, a fence with nothing to drain, a merge, and a death while such a
 step comes next touch nothing of others, and no step of others touches them; in any schedule they can be moved to the
 front without changing what anybody sees. (In "weak" an early fence leaves a load more choices, never fewer.) A death
-between two loads is a death before the next thing others can notice.
+between two loads is a death before the next thing others can notice. What is left out besides, because no other process
+touches the words concerned any more, is in tests/shm/reduction.py; with `reducing` off every order is tried, and
+`schedules` counts them all.
 """
 
 from __future__ import annotations
@@ -35,10 +37,10 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, NamedTuple
 
-from tests.shm.buffers import Buffer, Memory, Storage
+from tests.shm.buffers import CELLS, Buffer, Memory, Storage
 from tests.shm.process import ASLEEP, BLOCKING, Address, FakeNode, Local, Note, Op, Program, run
+from tests.shm.reduction import Reduction, Touched, touched
 
-CELLS = 64
 WAITING = ("fence", "quiet")
 LIMIT = 1_000_000  # states; a mutant may never end
 OWNERS = 100  # the owner of a lock: process, + OWNERS * description
@@ -48,7 +50,7 @@ Label = tuple[int, str, tuple[int, ...], Any]  # which process, what, cells, val
 
 
 class Broken(AssertionError):
-    """Something that must never happen, and a shortest schedule that leads there."""
+    """Something that must never happen, and a schedule that leads there."""
 
 
 class State(NamedTuple):
@@ -99,7 +101,7 @@ class Explorer:
         kill: str = "", before: dict[Address, int] | None = None,
     ) -> None:
         """`before`: what is in the memory at the beginning, 0 elsewhere; `check` judges each outcome."""
-        self.merging = True
+        self.merging = self.reducing = True
         self._names, self._programs = list(programs), list(programs.values())
         self._check, self._weak = check, model == "weak"
         self._mortal = tuple(self._names.index(name) for name in kill.split())
@@ -108,6 +110,8 @@ class Explorer:
         self._storage = Storage(model, self._cells)
         self._merged: dict[Any, FakeNode] = {}
         self._came: dict[State, tuple[State, Label] | None] = {}
+        self._reduction = Reduction(self._names)
+        self._narrow: dict[State, tuple[int, Touched]] = {}  # where one step, of this process, stands for all
 
     def explore(self) -> Explored:
         """Follow every schedule; Broken at the first thing that must not happen."""
@@ -125,6 +129,7 @@ class Explorer:
             finally:
                 edges.clear()
                 self._came.clear()
+                self._narrow.clear()
         assert len(self._cells) <= CELLS
         return explored
 
@@ -145,13 +150,26 @@ class Explorer:
                     raise Broken(self._story(state, f"no end after {LIMIT} states"))
                 if not steps:
                     self._judge(state)
-            level = following
+            level = following or self._doubtful()
+
+    def _doubtful(self) -> list[State]:
+        """States in which the steps left out would have mattered after all."""
+        if not self._reduction.learn():
+            return []
+        found = [s for s, step in self._narrow.items() if not self._reduction.free(*step, s.actors, s.buffers)]
+        for state in found:
+            del self._narrow[state]
+        return found
 
     def _run(self, i: int, history: tuple[Any, ...]) -> FakeNode:
-        return run(self._programs[i], self._cells, history, self.merging)
+        node = run(self._programs[i], self._cells, history, self.merging)
+        self._reduction.add(i, node)
+        return node
 
     def _enter(self, s: State, i: int, node: FakeNode) -> State:
         """Process `i` has come to `node`; who cannot be killed stores at once what it has to store."""
+        if node.op.kind == "end":  # it loads no more
+            s = self._fresh(s, i)
         if i in self._mortal or not node.pushes:
             return State(s.memory, s.buffers, _with(s.actors, i, node.at(0)), s.stale)
         buffers = s.buffers
@@ -170,6 +188,7 @@ class Explorer:
         node = self._merged.get((i, key))
         if node is None:
             node = self._merged[i, key] = self._run(i, (*s.actors[i].node.history, None))
+        s.actors[i].node.children[None] = node
         return self._enter(s, i, node)
 
     # Steps.
@@ -179,6 +198,10 @@ class Explorer:
         for i, local in enumerate(s.actors):
             if local.first and (local.kind != "fence" or not local.ready or not s.buffers[i]):
                 return self._first_step(s, i, local)
+        if self.reducing:
+            for i, local in enumerate(s.actors):
+                if alone := self._alone(s, i, local):
+                    return alone
         found: list[Step] = []
         for i, local in enumerate(s.actors):
             if s.buffers[i].groups:
@@ -193,6 +216,29 @@ class Explorer:
         for i in self._mortal:
             found += self._kill(s, i)
         return found
+
+    def _alone(self, s: State, i: int, local: Local) -> list[Step]:
+        """A step of process `i` that matters to no other, with its death if it may die there; if there is one."""
+        for drain in self._storage.lasting(s.buffers[i]):
+            if self._is_free(s, i, (0, 1 << drain[0])):
+                return [self._drained(s, i, *drain)]
+        if local.kind == "load":
+            for k, cell in local.open():
+                if self._is_free(s, i, (1 << cell, 0)):
+                    return list(self._load_one(s, i, local, k))
+        elif local.kind not in WAITING and not local.asleep and not s.buffers[i]:
+            loads, stores = touched(local.node.op)
+            returned = self._held(s, 1 + i, OWNERS) if local.kind in ("unlock", "end") else ()
+            if self._is_free(s, i, (loads, stores | sum(1 << cell for cell in returned))):
+                steps = list(self._call(self._fresh(s, i), i, local.node.op))
+                return steps and [*steps, *self._kill(s, i)]
+        return []
+
+    def _is_free(self, s: State, i: int, step: Touched) -> bool:
+        free = self._reduction.free(i, step, s.actors, s.buffers)
+        if free:
+            self._narrow[s] = i, step
+        return free
 
     def _first_step(self, s: State, i: int, local: Local) -> list[Step]:
         if not local.ready:
@@ -215,10 +261,12 @@ class Explorer:
             yield what, State(s.memory, buffers, actors, s.stale)
 
     def _drain(self, s: State, i: int) -> Iterator[Step]:
-        for cell, value, rest in self._storage.drains(s.buffers[i]):
-            stale = self._overwritten(s, i, cell) if self._weak else s.stale
-            memory = self._storage.stored(s.memory, cell, value)
-            yield (i, "stores", (cell,), value), State(memory, _with(s.buffers, i, rest), s.actors, stale)
+        return (self._drained(s, i, *drain) for drain in self._storage.drains(s.buffers[i]))
+
+    def _drained(self, s: State, i: int, cell: int, value: int, rest: Buffer) -> Step:
+        stale = self._overwritten(s, i, cell) if self._weak else s.stale
+        memory = self._storage.stored(s.memory, cell, value)
+        return (i, "stores", (cell,), value), State(memory, _with(s.buffers, i, rest), s.actors, stale)
 
     def _overwritten(self, s: State, by: int, cell: int) -> tuple[Stale, ...]:
         """The others may still load what is in `cell` now."""
@@ -295,20 +343,21 @@ class Explorer:
         return ended and not self._held(s, 1 + i, OWNERS)
 
     def _load(self, s: State, i: int, local: Local) -> Iterator[Step]:
+        for k, _ in local.open():
+            yield from self._load_one(s, i, local, k)
+
+    def _load_one(self, s: State, i: int, local: Local, k: int) -> Iterator[Step]:
+        """Load the word `k` of a copy."""
         node = local.node
-        cells = node.op.cells
-        partial = local.partial or (None,) * len(cells)
-        for k, cell in enumerate(cells):
-            if partial[k] is None:
-                for value, stale in self._values(s, i, cell):
-                    loaded = _with(partial, k, value)
-                    after = s if stale is s.stale else State(s.memory, s.buffers, s.actors, stale)
-                    if None in loaded:
-                        local = node.at(local.done, loaded)
-                        after = State(after.memory, after.buffers, _with(s.actors, i, local), stale)
-                    else:
-                        after = self._answer(after, i, loaded)
-                    yield (i, "loads", (cell,), value), after
+        cell, partial = node.op.cells[k], local.partial or (None,) * len(node.op.cells)
+        for value, stale in self._values(s, i, cell):
+            loaded = _with(partial, k, value)
+            after = s if stale is s.stale else State(s.memory, s.buffers, s.actors, stale)
+            if None in loaded:
+                after = State(after.memory, after.buffers, _with(s.actors, i, node.at(local.done, loaded)), stale)
+            else:
+                after = self._answer(after, i, loaded)
+            yield (i, "loads", (cell,), value), after
 
     def _values(self, s: State, i: int, cell: int) -> Iterator[tuple[int, tuple[Stale, ...]]]:
         """What a load may give, and what later loads of the process may give then."""

@@ -140,13 +140,14 @@ Program = Callable[[Actor], None]
 class FakeNode:
     """What a process does next, after one history of answers: `pushes` (stores and notes), then `op`."""
 
-    __slots__ = ("_locals", "before", "children", "groups", "history", "op", "pushes")
+    __slots__ = ("_locals", "ahead", "before", "children", "groups", "history", "op", "pushes")
 
     def __init__(self, history: tuple[Any, ...], pushes: tuple[Group | Note, ...], op: Op, before: tuple[Any, ...]
                  ) -> None:
         """`before`: what was noted before `pushes`."""
         self.history, self.pushes, self.op, self.before = history, pushes, op, before
         self.groups = tuple(p for p in pushes if not isinstance(p, Note))
+        self.ahead = (0, 0)  # what the process may touch from here (tests/shm/reduction.py)
         self.children: dict[Any, FakeNode] = {}
         self._locals: dict[Any, Local] = {}
 
@@ -169,6 +170,10 @@ class Local:
         self.asleep = partial == ASLEEP
         self.kind = node.op.kind
         self.first = not self.ready or self.kind in FIRST
+
+    def open(self) -> list[tuple[int, int]]:
+        """What of a copy is not loaded yet: number and cell."""
+        return [(k, cell) for k, cell in enumerate(self.node.op.cells) if not self.partial or self.partial[k] is None]
 
     @property
     def notes(self) -> tuple[Any, ...]:
