@@ -29,7 +29,7 @@ DEEP = "-m100000"
 INCOMPLETE = ("max search depth too small", "memory bound", "out of memory", "aborted", "Bit statespace")
 
 RIGHT = [
-    ("ring", ""),
+    pytest.param("ring", "", marks=pytest.mark.soak),  # both readers at once: neither stores anything
     ("ring", "TO=0 RECORDS=4 LIVES=3 SIZE=5 RETRIES=2"),
     ("ring", "FROM=1 MIXED RECORDS=5 SIZE=5 RETRIES=2"),
     ("ring", "FROM=1 MIXED RECORDS=5 SIZE=5 RETRIES=2 DEPTH=3"),
@@ -72,6 +72,7 @@ MUTANTS = [  # what is wrong in them, and the check that must find it
     ("mailbox", "SEEN_LATE STOPS CLIENTS=1", UNHEARD),  # the answer was there already
     ("mailbox", "V2_TAKEN CLIENTS=1 ACCEPTS COMMANDS=2", UNANSWERED),  # what was under way is forgotten
 ]
+SHORT = {(model, macros) for model, macros, _ in MUTANTS}
 
 
 Search = Callable[[str, str], str]
@@ -88,7 +89,7 @@ def search(folder: Path, model: str, macros: str) -> str:
         shutil.copy(source, folder)
     defines = [f"-D{macro}" for macro in macros.split()]
     run(folder, "spin", *defines, "-a", f"{model}.pml")
-    run(folder, *BUILD, "-O2" if (model, macros) in RIGHT else "-O0")
+    run(folder, *BUILD, "-O0" if (model, macros) in SHORT else "-O1")
     reported = run(folder, "./pan", DEEP)
     if (folder / f"{model}.pml.trail").exists():
         reported += "\n".join(run(folder, "spin", *defines, "-t", "-p", "-g", f"{model}.pml").splitlines()[-60:])
