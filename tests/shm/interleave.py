@@ -1,7 +1,7 @@
 """All interleavings of a few processes that share memory, with the real code deciding what each does next.
 
-The explorer walks through the product of the processes (tests/shm/process.py) with the memory, breadth first, so the
-schedule it reports for a violation is a short one.
+The explorer walks through the product of the processes (tests/shm/process.py) with the memory: depth first, which finds
+a violation sooner, or breadth first (`shortest`), for a short schedule that leads to it.
 
 What can happen (each is one step, and the explorer tries all orders):
 - a store goes into the buffer of its process, a copy as one group;
@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
@@ -102,6 +103,7 @@ class Explorer:
     ) -> None:
         """`before`: what is in the memory at the beginning, 0 elsewhere; `check` judges each outcome."""
         self.merging = self.reducing = True
+        self.shortest = False
         self._names, self._programs = list(programs), list(programs.values())
         self._check, self._weak = check, model == "weak"
         self._mortal = tuple(self._names.index(name) for name in kill.split())
@@ -136,21 +138,21 @@ class Explorer:
     def _follow(self, start: State, edges: dict[State, list[State]]) -> None:
         """Find all states, and those that follow each."""
         self._came[start] = None
-        level = [start]
-        while level:
-            following = []
-            for state in level:
-                steps = self._steps(state)
-                for label, new in steps:
-                    if new not in self._came:
-                        self._came[new] = state, label
-                        following.append(new)
-                edges[state] = [new for _, new in steps]
-                if len(edges) > LIMIT:
-                    raise Broken(self._story(state, f"no end after {LIMIT} states"))
-                if not steps:
-                    self._judge(state)
-            level = following or self._doubtful()
+        pending = deque([start])
+        while pending:
+            state = pending.popleft() if self.shortest else pending.pop()
+            steps = self._steps(state)
+            for label, new in steps:
+                if new not in self._came:
+                    self._came[new] = state, label
+                    pending.append(new)
+            edges[state] = [new for _, new in steps]
+            if len(edges) > LIMIT:
+                raise Broken(self._story(state, f"no end after {LIMIT} states"))
+            if not steps:
+                self._judge(state)
+            if not pending:
+                pending.extend(self._doubtful())
 
     def _doubtful(self) -> list[State]:
         """States in which the steps left out would have mattered after all."""

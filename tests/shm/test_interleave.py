@@ -181,12 +181,14 @@ def test_a_process_that_sleeps_is_woken_or_not() -> None:
     assert seen == {(("s",), 0), ((), 1)}
 
 
-def test_a_violation_comes_with_its_schedule() -> None:
+def test_a_violation_comes_with_a_shortest_schedule() -> None:
     def wrong(me: Actor) -> None:
         if me.load(X)[0] == 2:
             raise ValueError("two")
 
+    explorer = Explorer({"a": program("x=1 x=2"), "b": wrong})
+    explorer.shortest = True
     with pytest.raises(Broken) as caught:
-        Explorer({"a": program("x=1 x=2"), "b": wrong}).explore()
+        explorer.explore()
     assert str(caught.value).splitlines() == [
         "b: ValueError: two", "  a: stores a+0x0 1", "  a: stores a+0x0 2", "  b: loads a+0x0 2"]

@@ -166,7 +166,7 @@ MUTANTS: dict[str, tuple[Callable[[Real], Explorer], tuple[Change, ...]]] = {  #
         ("lockstep", COUNT, "words[self._next[place]] = deadline_ns"),
         ("lockstep", "words[self._next[place]] = deadline_ns if news is None else 0  # F3",
          "words[self._finished[place]] += 1"))),
-    "falling asleep without fence": (APART, (("wakeup", "self._fence()  # P2", "pass"),)),
+    "falling asleep without fence": (TOGETHER, (("wakeup", "self._fence()  # P2", "pass"),)),
     "nobody is woken": (APART, (
         ("lockstep", "            if wish:\n                self._wake_due()", "            pass"),)),
     "no lock": (APART, (("lockstep", "if not self._lock.take(0):", "if False:"),)),
