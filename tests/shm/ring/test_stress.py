@@ -28,22 +28,28 @@ def meet(world: Any, size: int, rate_hz: int, reads: int) -> list[dict[str, Any]
         few = min(few, rate_hz // 2)
     quotas = [few if verb == "next" else (reads - 4 * few) // 4 + 1 for verb in CROWD]
 
-    def join(verb: str, quota: int) -> subprocess.Popen[str]:
-        reader: subprocess.Popen[str] = world.start(READ, "", verb, str(quota))
-        return reader
-
-    pairs = list(zip(CROWD, quotas, strict=True))
-    readers = [join(*pair) for pair in pairs[::2]]
-    assert all(reported(r) == "attached" for r in readers)
+    readers = [world.start(READ, "", *map(str, pair)) for pair in zip(CROWD, quotas, strict=True)]
     writer = world.start(WRITE, "", str(rate_hz))
-    readers += [join(*pair) for pair in pairs[1::2]]
-    assert all(reported(r) == "attached" for r in readers[4:])
+    let(*readers[::2])
+    assert all(reported(r) == "attached" for r in readers[::2])
+    let(writer, *readers[1::2])
+    assert all(reported(r) == "attached" for r in readers[1::2])
     assert all(reported(r) == "enough" for r in readers)
-    reports = [json.loads(world.finish(process)) for process in (writer, *readers)]
+    ended = world.finish(writer)
+    let(*readers)
+    reports = [json.loads(report) for report in (ended, *map(world.finish, readers))]
     world.remove()
     for report in reports:
         print(json.dumps(report))
     return reports
+
+
+def let(*children: subprocess.Popen[str]) -> None:
+    """Let them attach, or end: all at once, because those that run leave the others little of the processors."""
+    for child in children:
+        assert child.stdin is not None
+        child.stdin.write("x")
+        child.stdin.flush()
 
 
 def reported(child: subprocess.Popen[str]) -> str:
@@ -80,6 +86,7 @@ def test_a_record_torn_by_a_mistake_is_seen(world: Any, wrong: str) -> None:
     create_ring(world.name, "io", topic(3, 4096), {}, {})
     writer = world.start(WRITE, wrong, str(FULL_SPEED))
     reader = world.start(READ, wrong, "next", str(LONG))  # it reads where the writer is about to write
+    let(writer, reader)
     assert reported(reader) == "attached"
     assert " is torn: " in reported(reader)
     assert reader.wait(timeout=30) == 1
