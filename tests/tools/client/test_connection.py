@@ -64,7 +64,7 @@ def test_an_error_is_a_problem_and_a_refusal_is_one_of_a_command(bridge: Callabl
         connection.ask("read", topic="x")
     with pytest.raises(Refused, match="no topic here"):
         DistantRemote(connection, "PSM1").ask("hold")
-    with pytest.raises(ValueError, match="no numbers"):
+    with pytest.raises(ValueError, match="not numbers"):
         DistantRemote(connection, "PSM1").ask("move_jp", {"a": 1})  # type: ignore[arg-type]
 
 
