@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def many_imports() -> Iterator[None]:
-    """No garbage collection meanwhile, which takes a fifth of the time and finds nothing; later ones skip the modules.
+    """No garbage collection meanwhile: imports make little garbage. Later collections skip the imported modules.
 
-    A fork shares their memory for longer: a collection would touch, and so copy, it.
+    So a forked process shares their memory for longer: a collection would touch, and so copy, it.
     """
     gc.disable()
     try:

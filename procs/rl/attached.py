@@ -211,7 +211,7 @@ class AttachedRobot(RobotBackend):
             if now in (was, ours):
                 asked = link.send(command, (was,))
         if asked and not (self._shown(number, lambda: bool(link.hear(asked))) and self._shown(number, is_back)):
-            self.stop(f"{link.name} cannot get back its trajectory ratio of {before[0]:g} back")
+            self.stop(f"{link.name} does not get its trajectory ratio of {before[0]:g} back")
 
     def _stands(self, number: int) -> None:
         """The record shows the end of our move: the arm continues from there, or not at all."""

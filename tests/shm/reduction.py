@@ -4,10 +4,10 @@ A step may be the only one tried in a state if nothing that the other processes 
 what it stores, or stores what it touches: whatever they do, the step stays possible and leads to the same state. So
 every end of every schedule is still reached, every failure, and a schedule without an end if there is one.
 
-What a process may still touch is what the known part of its tree of answers touches, up to its next `quiet`: that one
-comes when nobody can do anything else. What is not known yet is guessed from nodes with the same operation. When the
-search has come to its end, and more may be touched than was assumed (`learn`), it looks again at the states in which it
-left steps out.
+What a process may still touch is what the known part of its tree of answers touches, up to its next `quiet`, which
+comes when no process can do anything else. The unknown part is guessed from nodes with the same operation. If a process
+may touch more than was assumed (`learn`, at the end of a search), the search continues in the states in which steps
+were left out.
 """
 
 from __future__ import annotations
