@@ -105,7 +105,7 @@ static int take_place(const char *system, const char *arm) { /* as a writer of T
          h.stride >= sizeof(struct record) && h.depth && h.first + (uint64_t)h.depth * h.stride <= h.size,
          "%s is no ring for this program", name);
     need(pread(fd, text, h.schema, TEXT_AT) == (ssize_t)h.schema && strstr(text, "\"writer\":\"third_party\""),
-         "%s is not a place for a program of yours", arm);
+         "%s is not a place for your own program", arm);
     check_schema(text);
     need(!flock(fd, LOCK_EX | LOCK_NB), "another program is %s", arm);
     base = mmap(NULL, h.size, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);

@@ -149,8 +149,9 @@ def test_what_led_to_a_fault_is_kept_and_named(robot: Robot) -> None:
     robot.trocar("power-on")
     wait_for(lambda: robot.cell("IO1", "cycles") > 4000, 300, "there is something before")
     robot.trocar("send", "boards", "emergency_stop", "1")
-    wait_for(lambda: "fault-" in robot.trocar("status", code=None), 60, "status names the file")
-    path = next(line.split(": ")[1] for line in robot.trocar("status", code=None).splitlines() if "recorded:" in line)
+    wait_for(lambda: named(robot), 60, "status names the file")
+    path = named(robot)
+    assert path in robot.trocar("status", code=None)
     wait_for(lambda: _is_whole(Path(path)), 30, "it is written")
     with open_recording(Path(path)) as recording:
         facts = recording.metadata[names.SYSTEM]
@@ -173,7 +174,7 @@ def test_homings_that_fail_again_do_not_push_out_what_they_came_of(robot: Robot)
     robot.trocar("set", "recorder.faults", "2")
     robot.trocar("power-on")
     robot.trocar("send", "boards", "emergency_stop", "1")
-    wait_for(lambda: "recorded: " in robot.trocar("status", code=None), 120, "status names the file")
+    wait_for(lambda: named(robot), 120, "status names the file")
     first = named(robot)
     for _ in range(3):
         seen = {named(robot), ""}
@@ -196,8 +197,7 @@ def _names_another(robot: Robot, seen: set[str]) -> bool:
 
 def named(robot: Robot) -> str:
     """The file that status names; empty: none."""
-    lines = robot.trocar("status", code=None).splitlines()
-    return next((line.split("recorded: ")[1] for line in lines if "recorded: " in line), "")
+    return str(json.loads(robot.trocar("status", "--json", code=None))["recorded"])
 
 
 def _is_whole(path: Path) -> bool:

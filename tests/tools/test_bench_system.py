@@ -15,6 +15,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.retries import measured
+from tests.system.robot import SLOWER
 from trocar.shm.mailbox.client import MailboxFull
 from trocar.shm.memory.segment import names_of
 from trocar.tools.bench import system as bench_system
@@ -100,10 +101,12 @@ def test_missing_file_is_a_problem_that_names_it(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.alone
-def test_the_example_of_help_measures_every_process_and_whoever_follows(
+def test_the_example_of_help_measures_every_process_and_what_follows(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar bench"))
-    command = [sys.executable, "-m", "trocar", *shlex.split(example.replace("--seconds 5", "--seconds 1"))[1:]]
+    # One pair at 500 Hz: a slow machine keeps up with it.
+    smaller = example.replace("--seconds 5", f"{ROOT / 'configs/systems/kinematic-teleop.yaml'} --seconds 1")
+    command = [sys.executable, "-m", "trocar", *shlex.split(smaller)[1:], *SLOWER]
 
     def run() -> dict[str, Any]:
         with subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE,
@@ -115,11 +118,11 @@ def test_the_example_of_help_measures_every_process_and_whoever_follows(
         return dict(json.loads(reported))
 
     result = measured(monkeypatch, tmp_path, run,
-                      lambda found: len(found["homed"]) == 7 and len(found["following"]) == 2)
+                      lambda found: len(found["homed"]) == 2 and len(found["following"]) == 1)
     rows = {each["name"]: each for each in result["processes"]}
     assert {"io", "MTMR", "PSM1", "MTMR_PSM1", "console", "system", "bench"} <= set(rows)
-    assert result["homed"] == ["ECM", "MTML", "MTMR", "PSM1", "PSM2", "PSM3", "SUJ"] and result["figures"]["arms"] == 7
-    assert result["following"] == ["MTMR_PSM1", "MTML_PSM2"], result["problems"]
+    assert result["homed"] == ["MTMR", "PSM1"] and result["figures"]["arms"] == 2
+    assert result["following"] == ["MTMR_PSM1"], result["problems"]
     assert all(rows[name]["cpu_percent"] > 0.0 for name in ("io", "PSM1", "MTMR_PSM1"))
     rights = [each["scheduling"] for each in rows.values() if "scheduling" in each]
     assert (result["figures"]["locked_mb"] > 100.0) == any(words.endswith(", locked") for words in rights)
