@@ -25,6 +25,7 @@ from trocar.procs.ros_bridge.services import Services
 from trocar.procs.ros_bridge.shown import READ_WRITE, ShownTopics
 from trocar.procs.ros_messages.dds import EVENT_DEPTH, Participant
 from trocar.procs.ros_messages.messages import Clock, Log, OperatingState
+from trocar.procs.ros_messages.replier import Replier
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 from trocar.procs.tables import codes
 from trocar.procs.user.loop import live
@@ -84,8 +85,9 @@ class RosLoop(UserNode):
         refusals = Refusals(self._warn, self.time.now_ns)
         self._incoming = Commands(participant, self.system, asked, may_power=row.may_power, refusals=refusals)
         states = {arm.name: partial(self._state_of, arm.name) for arm in arms}
-        self._questions = Services(participant, self.system, arms, states, refusals, self.time.now_ns)
-        for part in (self._incoming, self._questions):
+        replier = Replier(row.domain, row.interface)
+        self.services = Services(participant, replier, self.system, arms, states, refusals, self.time.now_ns)
+        for part in (self._incoming, self.services):
             self.own.hold(part)
         self._clock = participant.writer("/clock", Clock) if self.time.simulated else None
         self._throttled = [Throttle(IDLE_NS, Descriptions(participant, document.arms, self._reads).step)]
@@ -97,7 +99,7 @@ class RosLoop(UserNode):
             self._throttled.append(Throttle(STATISTICS_NS, LoopStatistics(participant, pages, self._stamps).step))
         self._awake_ns, self._deaf_until_ns, self._forgets_all = boottime_ns(), 0, False
         self._idle_until_ns = 0
-        participant.announce()
+        participant.announce(*replier.gids())
 
     def _reads(self, instance: str, ring: str) -> RingReader:
         """Released with our place; reading does not subscribe, so on-demand processes do not start."""
@@ -146,12 +148,13 @@ class RosLoop(UserNode):
         A stall is checked after taking the messages and before each one: some may have arrived during the stall.
         """
         came = self.participant.wait(min(left_ns, round(self.own.row.period_s * 1e9)))
-        for wish in [*self._incoming.take(), *self._questions.take()] if came else ():
+        for wish in self._incoming.take() if came else ():
             if not self._leaves_out(wish.is_of_stream):
                 wish.carry_out()
         self._leaves_out(False)
         self._incoming.hear()
-        self._questions.hear()
+        self.services.take(boottime_ns())
+        self.services.hear()
 
     def _leaves_out(self, is_of_stream: bool) -> bool:
         """After a stall, drop messages received meanwhile: stream goals after a short one, all after a long one.

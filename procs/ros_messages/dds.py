@@ -1,12 +1,12 @@
 """One DDS participant that ROS 2 takes for a node: its writers and readers, and its ROS discovery data.
 
-Names, encoding and settings are compatible with rmw_cyclonedds and rmw_fastrtps: topics `rt/…`, services `rq/…Request`
-and `rr/…Reply`, plain XCDR1 without keys, and hashes of types in the user data of each endpoint.
+Names, encoding and settings are compatible with rmw_cyclonedds and rmw_fastrtps: topics `rt/…`, plain XCDR1 without
+keys, and hashes of types in the user data of each endpoint. Services have a participant of their own, see replier.py.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final, Generic, TypeVar
 
 import psutil
@@ -149,8 +149,8 @@ class Participant:
         """One of our topics has a subscriber."""
         self.writers: list[TopicWriter[Any]] = []
         self.readers: list[TopicReader[Any]] = []
-        self._graph: TopicWriter[ParticipantEntitiesInfo] = self._writer(
-            "ros_discovery_info", ParticipantEntitiesInfo, _latched(LATCHED))
+        self._graph: TopicWriter[ParticipantEntitiesInfo] = self.write_as(
+            "ros_discovery_info", ParticipantEntitiesInfo, LATCHED)
 
     def full_name(self, name: str) -> str:
         """A name in our namespace; one with a slash in front is the same in all of them."""
@@ -158,8 +158,7 @@ class Participant:
 
     def writer(self, topic: str, message: type[Message], latched: int = 0) -> TopicWriter[Message]:
         """A topic of ours; `latched`: late subscribers get this many of the last messages."""
-        qos = _latched(latched) if latched else (Policy.Durability.Volatile, Policy.History.KeepLast(EVENT_DEPTH))
-        made = self._writer(f"rt/{self.full_name(topic)}", message, qos)
+        made = self.write_as(f"rt/{self.full_name(topic)}", message, latched)
         self.writers.append(made)
         return made
 
@@ -171,11 +170,10 @@ class Participant:
         """A topic of others, with latched messages: for states, not for commands."""
         return self.read_as(f"rt/{self.full_name(topic)}", message, depth, latched=True)
 
-    def read_as(self, name: str, message: type[IdlStruct], depth: int, hashed: type[IdlStruct] | None = None,
-                user_data: str = "", *, latched: bool = False) -> TopicReader[Any]:
-        """Read the DDS topic `name`; `hashed`: the message whose hash is published, if not this one."""
+    def read_as(self, name: str, message: type[IdlStruct], depth: int, *, latched: bool = False) -> TopicReader[Any]:
+        """Read the DDS topic `name`."""
         durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
-        qos = self._qos((durability, Policy.History.KeepLast(depth)), hashed or message, user_data)
+        qos = self._qos((durability, Policy.History.KeepLast(depth)), message)
         entity = DataReader(self._participant, Topic(self._participant, name, message), qos)
         entity.set_status_mask(DDSStatus.DataAvailable)
         self._waitset.attach(entity)
@@ -183,25 +181,18 @@ class Participant:
         self.readers.append(made)
         return made
 
-    def _writer(self, name: str, message: type[IdlStruct], policies: tuple[Any, ...],
-                hashed: type[IdlStruct] | None = None, user_data: str = "") -> TopicWriter[Any]:
-        qos = self._qos((*policies, Policy.WriterDataLifecycle(autodispose=False)), hashed or message, user_data)
+    def write_as(self, name: str, message: type[IdlStruct], latched: int = 0) -> TopicWriter[Any]:
+        """Write the DDS topic `name`; see `writer`."""
+        kept = _latched(latched) if latched else (Policy.Durability.Volatile, Policy.History.KeepLast(EVENT_DEPTH))
+        qos = self._qos((*kept, Policy.WriterDataLifecycle(autodispose=False)), message)
         entity: DataWriter[Any] = DataWriter(self._participant, Topic(self._participant, name, message), qos)
         entity.set_status_mask(DDSStatus.PublicationMatched)
         self._matches.attach(entity)
         return TopicWriter(entity, name)
 
-    def write_as(self, name: str, message: type[IdlStruct], hashed: type[IdlStruct],
-                 user_data: str) -> TopicWriter[Any]:
-        """Write the DDS topic `name`; see `read_as`."""
-        policies = Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH)
-        made = self._writer(name, message, policies, hashed, user_data)
-        self.writers.append(made)
-        return made
-
     @staticmethod
-    def _qos(policies: tuple[Any, ...], message: type[IdlStruct], user_data: str) -> Qos:
-        told = f"typehash={type_hash(message)};{user_data}".encode()
+    def _qos(policies: tuple[Any, ...], message: type[IdlStruct]) -> Qos:
+        told = f"typehash={type_hash(message)};".encode()
         return Qos(Policy.Reliability.Reliable(BLOCKING_NS), *policies, Policy.Userdata(told))
 
     def wait(self, timeout_ns: int) -> bool:
@@ -217,10 +208,10 @@ class Participant:
         self.is_read = any(writer.is_read for writer in self.writers)
         return True
 
-    def announce(self) -> None:
-        """Publish to ROS which node has which endpoints; once all exist."""
-        node = NodeEntitiesInfo(self.namespace, self.name, [reader.gid for reader in self.readers],
-                                [writer.gid for writer in self.writers])
+    def announce(self, readers: Iterable[bytes] = (), writers: Iterable[bytes] = ()) -> None:
+        """Publish to ROS which node has which endpoints; once all exist. Given: identifiers of others of the node."""
+        node = NodeEntitiesInfo(self.namespace, self.name, [*(each.gid for each in self.readers), *map(Gid, readers)],
+                                [*(each.gid for each in self.writers), *map(Gid, writers)])
         self._graph.write(ParticipantEntitiesInfo(Gid(self._participant.get_guid().bytes), [node]))
 
     def close(self) -> None:

@@ -25,9 +25,9 @@ class StoppedBridge:
         self.pauses: dict[str, int] = {}
         monkeypatch.setattr(loop, "boottime_ns", lambda: self.now_ns)
         made: Any = RosLoop.__new__(RosLoop)
-        quiet = SimpleNamespace(take=list, hear=lambda: None)
+        quiet = SimpleNamespace(take=lambda now_ns: None, hear=lambda: None)
         made.participant = SimpleNamespace(wait=lambda timeout_ns: self._spend("wait", True))
-        made._incoming, made._questions = SimpleNamespace(take=self._take, hear=lambda: None), quiet
+        made._incoming, made.services = SimpleNamespace(take=self._take, hear=lambda: None), quiet
         made._awake_ns, made._deaf_until_ns, made._forgets_all, made.name = 0, 0, False, "ros_bridge"
         made.own = SimpleNamespace(late_s=LATE_S, row=SimpleNamespace(period_s=0.005),
                                    events=SimpleNamespace(report=self._report))

@@ -10,7 +10,6 @@ from cyclonedds.idl import IdlStruct
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trocar.procs.ros_bridge.services import SERVICES, framed
 from trocar.procs.ros_messages import messages
 from trocar.procs.ros_messages.hashes import dds_name, ros_name, type_hash
 from trocar.procs.ros_messages.messages import Float64, JointStates, MessageHeader, PoseStamped, String, Time
@@ -58,14 +57,6 @@ NAMES = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]
 def test_any_joint_state_is_read_as_it_was_written(names: list[str], numbers: list[float], frame: str) -> None:
     message = JointStates(MessageHeader(Time(7, 9), frame), names, numbers, numbers[1:], numbers[2:])
     assert JointStates.deserialize(message.serialize()) == message
-
-
-def test_a_question_has_its_id_in_front_of_what_is_asked() -> None:
-    for service in SERVICES:
-        for part in (service.request, service.response):
-            whole = framed(part)(guid=1, seq=2, **vars(part()))
-            assert whole.serialize()[:20].hex() == "00010000" "0100000000000000" "0200000000000000"
-            assert whole.serialize()[20:] == part().serialize()[4:]
 
 
 def test_messages_have_useful_defaults() -> None:

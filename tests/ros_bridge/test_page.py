@@ -54,11 +54,11 @@ def existing(system: SystemConfig) -> dict[str, set[str]]:
     setups = "|".join(arm.name for cart in system.carts for arm in cart.arms)
     try:
         loop.begin()
-        ends = [each.name for each in (*loop.participant.writers, *loop.participant.readers)]
+        ends = [each.name for each in (*loop.participant.writers, *loop.participant.readers)] + loop.services.names
     finally:
         loop.quit()
         loop.close()
-    for name in {re.sub("^r[qrt]/|(Request|Reply)$", "", end) for end in ends}:
+    for name in {end.removeprefix("rt/") for end in ends}:
         first, _, rest = name.partition("/")
         if first == "PID":
             found["`PID/ARM/` (`pid`)"].add(rest.partition("/")[2])

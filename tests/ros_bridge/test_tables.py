@@ -122,7 +122,7 @@ def test_every_event_of_arms_has_a_message() -> None:
 
 def test_every_service_is_a_command_of_arms() -> None:
     names = {row.name for row in COMMANDS["arm"]}
-    assert {row.command for row in SERVICES if row.command} <= names
+    assert {row.command for row in SERVICES.values() if row.command} <= names
 
 
 def numbers_of(topic: str, message: Any) -> list[float]:

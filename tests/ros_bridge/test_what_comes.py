@@ -20,7 +20,6 @@ from trocar.procs.ros_bridge.events import REPEAT_NS, ToldState
 from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS
 from trocar.procs.ros_bridge.publishing import RecordTopics
 from trocar.procs.ros_bridge.refusals import KEPT, SILENT_NS, Refusals
-from trocar.procs.ros_bridge.services import STRANGERS, Services
 from trocar.procs.ros_messages.dds import Participant
 from trocar.procs.ros_messages.messages import JointStates, Joy, OperatingState, Time
 from trocar.shm.system import directory
@@ -91,18 +90,6 @@ def test_a_refusal_is_told_once_a_second_and_few_are_remembered() -> None:
     for k in range(3 * KEPT):
         refusals.say(str(k))
     assert len(refusals._silent_until) <= KEPT and len(told) == 2 + 3 * KEPT
-
-
-def test_who_cannot_be_answered_is_told_once_and_not_remembered_for_ever() -> None:
-    told: list[str] = []
-    services = Services.__new__(Services)
-    services._strangers, services._say = set(), told.append
-    server: Any = SimpleNamespace(name="PSM1/forward_kinematics", reader=SimpleNamespace(writer=lambda handle: None))
-    for handle in range(3 * STRANGERS):
-        for _ in range(2):
-            assert not services._can_be_answered(server, handle)
-        assert len(services._strangers) <= STRANGERS
-    assert len(told) == 3 * STRANGERS
 
 
 def test_operating_states_go_on_with_newer_stamps_when_the_time_of_day_is_set_back() -> None:

@@ -12,6 +12,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Empty, String
+from std_srvs.srv import Trigger
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PATIENCE_S = 60.0
@@ -56,9 +57,15 @@ def main() -> None:
         return abs(joints[-1].position[0] - here[0] - 0.2) < 1e-6
 
     wait(is_there, "the move")
+    version = node.create_client(Trigger, "/PSM1/crtk_version")
+    wait(version.service_is_ready, "the service")
+    answers = [version.call_async(Trigger.Request()) for _ in range(3)]
+    wait(lambda: all(answer.done() for answer in answers), "answers")
     info = node.get_publishers_info_by_topic("/PSM1/measured_js")[0]
     print(json.dumps({
         "invalid_first": first.sec == 0 and first.nanosec == 0, "names": list(joints[-1].name),
+        "versions": [answer.result().message for answer in answers],
+        "services": dict(node.get_service_names_and_types_by_node("ros_bridge", "/")),
         "frame": got["/PSM1/measured_cp"][-1].header.frame_id, "nodes": node.get_node_names(), "node": info.node_name,
         "topics": len(node.get_topic_names_and_types()), "hash": str(info.topic_type_hash)}))
 

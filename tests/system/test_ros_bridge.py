@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.ros_bridge.cyclone_client import CycloneClient
 from tests.system.robot import ROOT, Robot, wait_for
-from trocar.procs.ros_bridge.services import SERVICES, framed
+from trocar.procs.ros_bridge.services import SERVICES
 from trocar.procs.ros_messages.dds import Participant, TopicReader, TopicWriter
 from trocar.procs.ros_messages.messages import (
     Bool,
@@ -209,20 +210,13 @@ def commands_that_make_no_sense_are_refused_and_move_nothing(client: Client) -> 
 
 
 def questions_are_answered_as_rmw_cyclonedds_asks_them(client: Client, joints: list[float]) -> None:
-    participant = client.participant
-    asked = next(row for row in SERVICES if row.name == "forward_kinematics")
-    question = participant.write_as("rq/PSM1/forward_kinematicsRequest", framed(asked.request), asked.request, "")
-    replies = participant.read_as("rr/PSM1/forward_kinematicsReply", framed(asked.response), 10, asked.response)
-    wait_for(lambda: question.look() or question.is_read, 30, "the service")
-    found: list[Any] = []
-    known = framed(asked.request)(guid=11, seq=12, jp=list(joints), cp=Pose())
-    client.insist(lambda: question.write(known), lambda: found.extend(replies.take()) or found, "an answer")
-    assert (found[0].guid, found[0].seq, found[0].result) == (11, 12, True)
-    assert found[0].cp.position.z != 0.0
-    unknown = framed(asked.request)(guid=11, seq=13, jp=[1.0] * 40, cp=Pose())
-    client.insist(lambda: question.write(unknown),
-                  lambda: found.extend(replies.take()) or found[-1].seq == 13, "a refusal")
-    assert not found[-1].result and found[-1].message
+    service = CycloneClient(client.participant, "PSM1/forward_kinematics", SERVICES["forward_kinematics"])
+    found = service.answer(jp=list(joints), cp=Pose())
+    assert found.result and found.cp.position.z != 0.0
+    found = service.answer(jp=[1.0] * 40, cp=Pose())
+    assert not found.result and found.message
+    state = CycloneClient(client.participant, "PSM1/operating_state", SERVICES["operating_state"])
+    assert state.answer(structure_needs_at_least_one_member=0).operating_state.is_homed
 
 
 def test_a_console_is_operated_and_says_what_it_does(robot: Robot, tmp_path: Path) -> None:

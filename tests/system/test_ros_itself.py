@@ -125,3 +125,5 @@ def test_a_script_with_rclpy_homes_and_moves_the_robot(
     assert seen["invalid_first"] and seen["frame"] == "PSM1_base" and seen["node"] == "ros_bridge"
     assert seen["names"] == ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"]
     assert "ros_bridge" in seen["nodes"] and seen["topics"] > 100
+    assert len(set(seen["versions"])) == 1 and seen["versions"][0]
+    assert seen["services"]["/PSM1/inverse_kinematics"] == ["crtk_msgs/srv/QueryInverseKinematics"]
