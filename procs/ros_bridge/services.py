@@ -34,7 +34,7 @@ from trocar.procs.ros_messages.messages import (
     TriggerRequest,
     TriggerResponse,
 )
-from trocar.procs.ros_messages.replier import Replier, Request
+from trocar.procs.ros_messages.replier import Replier, ServiceRequest
 from trocar.procs.ros_messages.view_messages import pose_of
 from trocar.shm.mailbox.client import Client, MailboxFull
 from trocar.shm.memory.segment import SegmentError
@@ -108,7 +108,7 @@ class Services:
         self._clients: list[Client] = []
         self._asked: dict[str, tuple[Service, Client]] = {}
         """By the name of the service."""
-        self._waiting: dict[tuple[Client, int], tuple[Service, Request, int]] = {}
+        self._waiting: dict[tuple[Client, int], tuple[Service, ServiceRequest, int]] = {}
         """What was passed on: with the time at which it is given up."""
         for arm in arms:
             client = Client(system, arm.name, "ros_bridge")
@@ -146,7 +146,7 @@ class Services:
         for key in [key for key, (_, _, due_ns) in self._waiting.items() if now >= due_ns]:
             self._answer(*self._waiting.pop(key)[:2], False, f"{key[0].instance} did not answer")
 
-    def _ask(self, service: Service, client: Client, request: Request, question: Any) -> None:
+    def _ask(self, service: Service, client: Client, request: ServiceRequest, question: Any) -> None:
         if not service.command:
             state = self._states[client.instance]()
             self._replier.reply(request, TriggerOperatingStateResponse(state).serialize())
@@ -158,7 +158,7 @@ class Services:
             return
         self._waiting[client, number] = service, request, self._now_ns() + WAIT_NS
 
-    def _answer(self, service: Service, request: Request, good: bool, text: str) -> None:
+    def _answer(self, service: Service, request: ServiceRequest, good: bool, text: str) -> None:
         try:
             answer = service.answer(good, text)
         except (ValueError, TypeError) as error:

@@ -68,7 +68,7 @@ class Peer:
 
 
 @dataclass(slots=True)
-class Client:
+class MatchedEndpoint:
     """A reader of replies, or a writer of requests, of another participant."""
 
     service: ServiceEndpoint
@@ -95,7 +95,7 @@ class ServiceEndpoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class ServiceRequest:
     """A request; `payload`: the message in CDR, with its encapsulation."""
 
     service: ServiceEndpoint
@@ -129,8 +129,8 @@ class Replier:
         self._topics: dict[str, ServiceEndpoint] = {}
         self._sedp: dict[bytes, list[bytes]] = {WRITERS_OUT: [], READERS_OUT: []}
         self._peers: dict[bytes, Peer] = {}
-        self._readers: dict[bytes, Client] = {}
-        self._writers: dict[bytes, Client] = {}
+        self._readers: dict[bytes, MatchedEndpoint] = {}
+        self._writers: dict[bytes, MatchedEndpoint] = {}
         self._count, self._announce_ns, self._beat_ns = 0, 0, 0
 
     def _bound_pair(self, port: int) -> list[socket.socket]:
@@ -171,9 +171,9 @@ class Replier:
         return ([self._prefix + entity for entity in self._services if entity[3] == 4],
                 [self._prefix + entity for entity in self._services if entity[3] == 3])
 
-    def step(self, now_ns: int) -> list[Request]:
+    def step(self, now_ns: int) -> list[ServiceRequest]:
         """Read what came, keep discovery going; returns the requests."""
-        found: list[Request] = []
+        found: list[ServiceRequest] = []
         for _ in range(PACKETS):
             ready = select.select(self._sockets, [], [], 0.0)[0]
             for each in ready:
@@ -193,7 +193,7 @@ class Replier:
             self._beat()
         return found
 
-    def _take(self, one: Submessage, vendor: bytes, host: str, now_ns: int) -> list[Request]:
+    def _take(self, one: Submessage, vendor: bytes, host: str, now_ns: int) -> list[ServiceRequest]:
         """One message from another participant."""
         prefix, entity = one.guid[:PREFIX], one.guid[PREFIX:]
         if entity == SPDP_WRITER and one.kind == DATA:
@@ -289,7 +289,7 @@ class Replier:
         address = discovery.locator(rows, ENDPOINT_LOCATOR, order, peer.user[0]) or peer.user
         known = self._writers if is_writer else self._readers
         if len(known) < CLIENTS:  # a reader may have missed a reply while it was unknown: heartbeats tell it
-            known.setdefault(guid, Client(service, peer, address, told=service.last))
+            known.setdefault(guid, MatchedEndpoint(service, peer, address, told=service.last))
 
     def _acked(self, one: Submessage, peer: Peer) -> None:
         """Send again what a reader has not received."""
@@ -319,7 +319,7 @@ class Replier:
         """A heartbeat: the replies that can be sent again."""
         return self._heartbeat(service.writer, reader, max(1, service.last - KEPT + 1), service.last)
 
-    def reply(self, request: Request, payload: bytes) -> None:
+    def reply(self, request: ServiceRequest, payload: bytes) -> None:
         """Send the reply, a message in CDR with its encapsulation, to the participant that asked."""
         service = request.service
         service.last += 1
@@ -353,7 +353,7 @@ class Replier:
             each.close()
 
 
-def _request(one: Submessage, client: Client) -> Request | None:
+def _request(one: Submessage, client: MatchedEndpoint) -> ServiceRequest | None:
     """A request in DDS's terms; None: it is too short to be one."""
     identity = next((value[:GUID] for key, value in one.inline if key in RELATED and len(value) >= 24), one.guid)
     header, payload = b"", one.payload
@@ -362,7 +362,7 @@ def _request(one: Submessage, client: Client) -> Request | None:
         if len(header) < 16:
             return None
         header = header if one.payload[1] & 1 else header[7::-1] + header[:7:-1]
-    return Request(client.service, client.peer.prefix, identity + rtps.number(one.first), header, payload)
+    return ServiceRequest(client.service, client.peer.prefix, identity + rtps.number(one.first), header, payload)
 
 
 def _socket() -> socket.socket:

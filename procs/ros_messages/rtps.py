@@ -18,7 +18,7 @@ LITTLE, FINAL, INLINE, PAYLOAD = 1, 2, 2, 12
 UNKNOWN: Final = bytes(4)
 PREFIX, GUID = 12, 16  # bytes
 SENTINEL: Final = 1
-MOST_BITS: Final = 256
+SET_SIZE: Final = 256
 Parameters = list[tuple[int, bytes]]
 
 
@@ -53,7 +53,7 @@ class Inbox:
         """Take a message, or a gap; returns the messages whose turn it is."""
         if one.kind == GAP and one.first <= self.base:
             return self.begins(one.last + 1)
-        for sequence in range(max(one.first, self.base), min(one.last, self.base + MOST_BITS) + 1):
+        for sequence in range(max(one.first, self.base), min(one.last, self.base + SET_SIZE) + 1):
             self.early[sequence] = one if one.kind == DATA else None
         return self._turn()
 
@@ -73,7 +73,7 @@ class Inbox:
 
     def missing(self, last: int) -> list[int]:
         """The sequence numbers to ask for, of those up to `last`."""
-        return [k for k in range(self.base, min(last, self.base + MOST_BITS - 1) + 1) if k not in self.early]
+        return [k for k in range(self.base, min(last, self.base + SET_SIZE - 1) + 1) if k not in self.early]
 
 
 def messages(packet: bytes, ours: bytes) -> Iterator[Submessage]:
@@ -112,7 +112,7 @@ def _read(kind: int, flags: int, body: bytes, order: str, prefix: bytes) -> Subm
     if kind == GAP:  # single numbers behind the range would be asked for again, and named again
         return Submessage(kind, prefix + writer, reader, first, _sequence(body, 16, order) - 1)
     bits = struct.unpack_from(order + "I", body, 16)[0]
-    if bits > MOST_BITS:
+    if bits > SET_SIZE:
         raise ValueError
     words = struct.unpack_from(f"{order}{(bits + 31) // 32}I", body, 20)
     missing = tuple(first + k for k in range(bits) if words[k // 32] >> (31 - k % 32) & 1)
@@ -201,7 +201,7 @@ def gap(writer: bytes, reader: bytes, first: int, last: int) -> bytes:
 
 def acknack(writer: bytes, reader: bytes, base: int, missing: Sequence[int], count: int) -> bytes:
     """A reader has all before `base`, and asks for these."""
-    bits = min(MOST_BITS, missing[-1] - base + 1 if missing else 0)
+    bits = min(SET_SIZE, missing[-1] - base + 1 if missing else 0)
     words = [0] * ((bits + 31) // 32)
     for each in missing:
         if each - base < bits:
