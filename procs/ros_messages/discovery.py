@@ -23,7 +23,7 @@ LEASE_S: Final = 20
 PARTICIPANT: Final = b"\0\0\1\xc1"
 LIST: Final = b"\0\3\0\0"
 """Encapsulation of a list of parameters."""
-RELIABLE: Final = struct.pack("<IiI", 2, 0, 1 << 30)
+RELIABLE: Final = struct.pack("<IiI", 2, 0, 429496730)  # it blocks for 0.1 s at most, in 2⁻³² s
 VOLATILE: Final = bytes(4)
 Address = tuple[str, int]
 
