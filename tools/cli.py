@@ -24,6 +24,7 @@ from trocar.procs.machine.imports import many_imports
 from trocar.procs.machine.paths import ROOT
 from trocar.procs.machine.version import VERSION
 from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.terminal import adapt_streams
 
 FINE, WRONG, MISUSED, INTERRUPTED = 0, 1, 2, 130
 
@@ -238,6 +239,7 @@ def _warned(message: Warning | str, *_: object, **__: object) -> None:
 
 def main() -> None:
     """The command `trocar`."""
+    adapt_streams()
     warnings.showwarning = _warned
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a verb computes nothing that threads of numpy are worth
     ctrl_c_ends()

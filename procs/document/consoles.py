@@ -60,6 +60,7 @@ class TeleopEcmConfig:
     console: str
     scale: float = 0.2  # of the insertion only
     camera_roll_offset: float = 0.0
+    check_mtms_workspace: bool = True  # both masters must be in view of the camera's frame to begin
 
     @property
     def arms(self) -> tuple[str, ...]:

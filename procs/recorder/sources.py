@@ -28,8 +28,9 @@ LEVELS: Final = {1: 20, 2: 30, 3: 40}
 """ROS levels of severities."""
 COMPLETE: Final = ("events", "audit")
 """Rings of which every record is kept, beginning with the oldest available."""
-VIEWS: Final = ("measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "jaw/measured_js", "gripper/measured_js")
-"""Views of arms that are recorded by default."""
+VIEWS: Final = ("measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "local/setpoint_cp", "jaw/measured_js",
+                "jaw/setpoint_js", "gripper/measured_js")
+"""Views of arms that are recorded by default; dVRK's bag replay reads the setpoints."""
 
 
 class LocalTimes:

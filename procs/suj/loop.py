@@ -123,7 +123,7 @@ class SetupLoop(runtime.Loop):
 def link_of(cart: Cart) -> PotLink:
     """The potentiometer boards of an Si cart, real or emulated."""
     return EmulatedBoards(cart) if cart.emulated else BluetoothBoards(
-        [cart.base_board, *(arm.board for arm in cart.arms)])
+        [board for board in (cart.base_board, *(arm.board for arm in cart.arms)) if board])
 
 
 def main() -> None:

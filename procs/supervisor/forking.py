@@ -23,7 +23,8 @@ from trocar.shm.time.clock import monotonic_ns
 PR_SET_CHILD_SUBREAPER: Final = 36
 IMPORT_NS: Final = 20_000_000_000  # how long a start waits for the template to import
 REPLY_S: Final = 0.3  # time limit for the fork of one process
-ENVIRON: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
+ENVIRON: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # no thread pools in control code
+                  "PYTHONIOENCODING": "utf-8"}  # logs are UTF-8, whatever the terminal of `up` is
 PADDING: Final = 160  # bytes for the command lines of processes, with two names, beside those of the template
 
 

@@ -134,7 +134,7 @@ def _become(words: list[str], environ: dict[str, str], output: int, begin: int) 
 
 def _show(words: list[str]) -> None:
     """Overwrite the template's command line with that of this process, for `ps` and searches for our processes."""
-    fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+    fields = Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     begin, end = (int(fields[k - 2]) for k in (ARGUMENTS_AT, ARGUMENTS_AT + 1))
     shown = "\0".join(words).encode()[: end - begin - 1]
     ctypes.memmove(begin, shown.ljust(end - begin, b"\0"), end - begin)

@@ -33,6 +33,7 @@ class TeleopEcm(Teleop):
                  record: TeleopRecord, events: Events, *, faults: Cell) -> None:
         self.masters, self.slave = (left, right), slave
         self.camera = Camera(record.scale(settings.scale), settings.camera_roll_offset)
+        self._checks_workspace = settings.check_mtms_workspace
         self._first_turns = np.zeros((2, 3, 3))
         self._turned, self._goal = np.zeros(JOINTS), np.zeros(JOINTS)
         self._wrench, self._pose, self._turn = np.zeros(8), np.zeros(7), np.eye(4)
@@ -48,7 +49,7 @@ class TeleopEcm(Teleop):
         if not all(arm.has_pose for arm in self.arms):
             self.reason = "waiting: the poses of all three arms in their reference frames are not known yet"
             return
-        for master in self.masters:
+        for master in self.masters if self._checks_workspace else ():
             reason = outside(master.name, master.measured[:3])
             if reason:
                 self.stop(codes.MASTER_OUTSIDE, reason, master.name)

@@ -65,12 +65,12 @@ class Properties(Mapping[str, Any]):
 
     def save(self, path: Path) -> None:
         """Save all values for the next start."""
-        path.write_text(json.dumps(self._values))
+        path.write_text(json.dumps(self._values), encoding="utf-8")
 
     def load(self, path: Path, log: Logger) -> None:
         """Load saved values of existing properties; the first one out of bounds ends that, with a warning."""
         try:
-            saved = json.loads(path.read_text())
+            saved = json.loads(path.read_text(encoding="utf-8"))
             for name in [name for name in self if name in saved]:
                 self[name] = saved[name]
         except FileNotFoundError:

@@ -122,6 +122,13 @@ def test_mistakes_in_the_file_are_named(
     assert [error.key for error in loaded.errors] == keys, [str(error) for error in loaded.errors]
 
 
+def test_a_board_without_an_address_is_absent(tmp_path: Path) -> None:
+    file = content("Si")
+    file["arms"][1]["arduino_mac"] = ""
+    loaded = load(tmp_path, "Si", file=file)
+    assert loaded.system is not None and [arm.board for arm in loaded.system.cart("SUJ").arms].count("") == 1
+
+
 def test_the_base_s_board_and_the_reference_must_be_there(tmp_path: Path) -> None:
     file = content("Si")
     del file["base_arduino_mac"]

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from contextlib import closing
+from pathlib import Path
 
 import pytest
+import yaml
 
 from tests.recorder.harness import RingsOfATest
 from trocar.procs.recordings import names
 from trocar.procs.recordings.reading import open_recording
 from trocar.shm.system.subscriptions import Subscriptions
 from trocar.shm.time.control_page import ControlPage
+from trocar.tools.analysis.choosing import Stretch
+from trocar.tools.analysis.rosbag import to_rosbag2
 
 
 def recorded(rings: RingsOfATest, *topics: str, steps: int = 20, each: int = 30) -> list:
@@ -35,6 +39,22 @@ def test_every_record_of_a_chosen_topic_is_in_it(rings: RingsOfATest) -> None:
         assert len(recording.events()) == 20
         assert recording.metadata[names.LOSSES]["PSM1/state"] == "0"
         assert 10 <= len(list(recording.messages("PSM1/measured_js"))) <= 30  # some, for tools that know no records
+
+
+@pytest.mark.parametrize("topics", [(), ("PSM1/state",)])
+def test_dvrk_s_bag_replay_finds_its_topics(rings: RingsOfATest, tmp_path: Path, topics: tuple[str, ...]) -> None:
+    _, recording = recorded(rings, *topics, steps=5)
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    with recording:
+        to_rosbag2(recording, bag, recording.topics, Stretch(), lambda text, fraction: None)
+    about = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    types = {row["topic_metadata"]["name"]: row["topic_metadata"]["type"]
+             for row in about["topics_with_message_count"] if row["message_count"]}
+    joints, pose = "sensor_msgs/msg/JointState", "geometry_msgs/msg/PoseStamped"
+    expected = {"/PSM1/setpoint_js": joints, "/PSM1/jaw/setpoint_js": joints, "/PSM1/setpoint_cp": pose,
+                "/PSM1/local/setpoint_cp": pose}
+    assert expected.items() <= types.items()
 
 
 def test_a_chosen_view_is_told_of_every_record(rings: RingsOfATest) -> None:

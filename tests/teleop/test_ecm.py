@@ -143,3 +143,14 @@ def test_a_pose_that_is_not_known_is_waited_for_in_words() -> None:
     harness.state_command("enable")
     harness.run(0.005)
     assert not harness.following and harness.text("reason").startswith("waiting: the poses of all three arms")
+
+
+@pytest.mark.parametrize("checks", [True, False])
+def test_masters_outside_begin_only_if_that_is_not_checked(checks: bool) -> None:
+    harness = EcmHarness(check_mtms_workspace=checks)
+    assert harness.console is not None
+    harness.console.set(operator_present=False)
+    harness.arms["MTML"].pose = (0.45, -0.05, 0.40, 0, 0, 0, 1)
+    harness.state_command("enable")
+    harness.run(0.005)
+    assert harness.following is not checks

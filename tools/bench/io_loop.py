@@ -292,7 +292,7 @@ def _look(reader: RingReader) -> None:
 
 def _packets() -> int:
     """Packets that went over the loopback interface so far: boards on loopback are its only busy user here."""
-    for line in LOOPBACK.read_text().splitlines():
+    for line in LOOPBACK.read_text(encoding="utf-8").splitlines():
         name, _, counts = line.partition(":")
         if name.strip() == "lo":
             return int(counts.split()[1])

@@ -64,7 +64,7 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
     return {**found, "conditions": {
         "system": str(file), "boards": boards or "as the file says", "seconds": seconds, "homed_after_s": homed_s,
         "homing_failed_before": refusals, "teleops_tried": followed, "sets": list(sets),
-        "fifo_share_us": FIFO_SHARE.read_text().strip() if FIFO_SHARE.exists() else ""}}
+        "fifo_share_us": FIFO_SHARE.read_text(encoding="utf-8").strip() if FIFO_SHARE.exists() else ""}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +225,7 @@ def _shows(system: str, name: str, flag: str) -> bool:
 def _locked_mb(pid: int) -> float:
     """Locked memory of a process as the kernel counts it against its limit; 0 when it is gone."""
     try:
-        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+        lines = Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
     except OSError:
         return 0.0
     return next((int(line.split()[1]) * 1024e-6 for line in lines if line.startswith("VmLck:")), 0.0)

@@ -6,10 +6,9 @@ import math
 import re
 from pathlib import PurePosixPath
 
-from trocar.procs.config import HEADS
+from trocar.procs.config import HEADS, OWN_KEYS, arm_kind
 from trocar.procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
 from trocar.procs.config.read.jsontext import Parsed
-from trocar.procs.config.read.validate import fields_of
 from trocar.procs.kinematics.endoscopes import NAMES
 from trocar.tools.converters.keys import Keys
 from trocar.tools.converters.report import ConversionReport
@@ -21,7 +20,6 @@ _CHAINS = {
     "ecm": "ECM", "ecm-si": "ECM_Si", "mtml": "MTML", "mtmr": "MTMR",
 }
 _MODELS: dict[str, type[ArmFile]] = {"ecm": EcmFile, "psm": PsmFile, "mtm": MtmFile}
-_OF_ALL = set(fields_of(ArmFile))
 _MODEL = re.compile(r"_(\d{6})\Z")
 _VERSION = re.compile(r"\[(\d+)\]\Z")
 _PITCH = {"Classic": -math.pi / 4, "Si": math.radians(-70.0)}  # on the setup joints
@@ -51,14 +49,10 @@ def convert_arm(parsed: Parsed, file: str, report: ConversionReport) -> Json:
 
 
 def _kind(keys: Keys, stem: str, file: str) -> str:
-    own = {kind: [name for name in fields_of(model) if name not in _OF_ALL] for kind, model in _MODELS.items()}
-    for kind, names in own.items():
-        if any(keys.has(name) for name in names):
-            return kind
-    for name in (stem, file.lower()):
-        if name[:3] in own:
-            return name[:3]
-    allowed = ", ".join(name for names in own.values() for name in names)
+    kind = arm_kind([name for names in OWN_KEYS.values() for name in names if keys.has(name)], stem, file)
+    if kind:
+        return kind
+    allowed = ", ".join(name for names in OWN_KEYS.values() for name in names)
     keys.report.error(keys.line(), "", "", "nothing says which kind of arm this is", f"one of {allowed}")
     return "psm"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from trocar.procs.config import HEADS
-from trocar.procs.config.models.system_file import IoKeys
+from trocar.procs.config.models.system_file import ConsoleKeys, IoKeys, SystemFile
 from trocar.procs.config.read.jsontext import Parsed
 from trocar.procs.config.read.problem import value_text
 from trocar.procs.fpga.port_name import PortName, PortNameError
@@ -64,8 +64,10 @@ def convert_console(parsed: Parsed, system_name: str, report: ConversionReport) 
     bus = _bus(top, io)
     pedals = io.file("footpedals") if io is not None else ""
     console = _console(top, io, pedals)
-    teleops = [psm_teleop(keys) for keys in top.items("psm-teleops")]
+    psms = [psm_teleop(keys) for name in ("psm-teleops", "teleop_PSMs") for keys in top.items(name)]
     ecm = top.inside("ecm-teleop")
+    ecms = [ecm_teleop(keys) for keys in ([ecm] if ecm is not None else []) + top.items("teleop_ECMs")]
+    console |= top.keep(ConsoleKeys)
     uses_bus = arms.use_bus or bool(pedals) or "configuration_files" in bus or "IO_head_sensor" in console
     focus = top.inside("endoscope-focus")
     if focus is not None:
@@ -81,13 +83,13 @@ def convert_console(parsed: Parsed, system_name: str, report: ConversionReport) 
         left = {name: value for name, value in bus.items() if name != "name"}
         report.dropped(io.line(), io.key(), value_text(left), "no arm needs it")
     system["arms"] = arms.rows
-    if teleops or ecm is not None or len(console) > 1:
+    if psms or ecms or len(console) > 1:
         row: Json = {"name": CONSOLE, **console}
-        row |= {"teleop_PSMs": teleops} if teleops else {}
-        row |= {"teleop_ECMs": [ecm_teleop(ecm)]} if ecm is not None else {}
+        row |= {"teleop_PSMs": psms} if psms else {}
+        row |= {"teleop_ECMs": ecms} if ecms else {}
         system["consoles"] = [row]
         top.defaulted("consoles[0].name", CONSOLE, "there was one console, without a name")
-    system |= _rest(top, [f"{row['MTM']}-{row['PSM']}" for row in teleops])
+    system |= _rest(top, [f"{row['MTM']}-{row['PSM']}" for row in psms])
     top.finish()
     return ConsoleFiles(system, arms.files)
 
@@ -180,11 +182,11 @@ def _own(keys: Keys) -> Json:
 
 def _rest(top: Keys, teleops: list[str]) -> Json:
     """Keys not about arms or the console; `teleops` are the names of components for teleoperations."""
-    row: Json = {}
-    chatty = top.flag("chatty")
-    if chatty is not None:
-        row["settings"] = {"chatty": chatty}
-    manager = top.take("component-manager")
+    row = top.keep(SystemFile)
+    chatty, settings = top.flag("chatty"), row.get("settings", {})
+    if chatty is not None and isinstance(settings, dict):
+        row["settings"] = {"chatty": chatty, **settings}
+    manager = row.pop("component_manager", None) or top.take("component-manager")
     custom = top.take("custom-components")
     if custom is not None:
         top.converted("custom-components", "a list", "component_manager.components", "the same list")

@@ -51,7 +51,7 @@ class Keys:
 
     def _spelled(self, name: str) -> str:
         """A key as this file spells it: partly updated files have `_` in some for `-`."""
-        return self._spelling.get(_folded(name), name)
+        return name if name in self._left else self._spelling.get(_folded(name), name)
 
     def has(self, name: str) -> bool:
         """Whether the key is there and not read yet."""
@@ -64,6 +64,10 @@ class Keys:
     def take(self, name: str) -> object:
         """A value as in the file; None if it is missing."""
         return self._left.pop(self._spelled(name), None)
+
+    def keep(self, model: type[BaseModel]) -> dict[str, object]:
+        """Keys of today's `model` that are not read yet, as they are: parts of a file that are new already."""
+        return {name: self._left.pop(name) for name in fields_of(model) if name in self._left}
 
     def read(self, model: type[BaseModel], skip: Collection[str] = (), **old: str) -> dict[str, object]:
         """All values of today's `model` that are there and not read yet, under today's names or those of `old`."""
@@ -145,8 +149,8 @@ class Keys:
 
     def finish(self) -> None:
         """Report unread keys, here and in all objects read from it."""
-        for name in list(self._left):
-            self.drop(name, NOT_READ)
+        for name, value in self._left.items():
+            self.report.dropped(self.line(name), self.key(name), value_text(value), NOT_READ)
         for part in self._read:
             part.finish()
 

@@ -18,6 +18,14 @@ _PLACES = {"Actuators": False, "Joints": True}
 _MATRICES = ("JointToActuatorPosition", "ActuatorToJointTorque", "JointToActuatorTorque")
 
 
+class _BadMatrixError(Exception):
+    """A matrix of an old file that cannot be used, or follows from none."""
+
+    def __init__(self, line: int, key: str, text: str) -> None:
+        super().__init__(text)
+        self.line, self.key, self.text = line, key, text
+
+
 def potentiometers(robot: Element, types: list[str], axes: int, format_version: FormatVersion, analog: bool) -> Json:
     """The part `potentiometers` of a robot, for its first `axes` actuators with joint types `types`."""
     row: Json = {"potentiometers_type": "ANALOG" if analog else "NONE"}
@@ -37,9 +45,13 @@ def potentiometers(robot: Element, types: list[str], axes: int, format_version: 
         tolerances = _tolerances(block, types, axes, format_version)
         if tolerances:
             row["tolerances"] = tolerances
-    matrix = _own_matrix(block, len(types)) or _coupling(robot, on_joints, len(types))
-    if matrix:
-        row["coupling"] = {"JointToActuatorPosition": _cut(robot, matrix, axes)}
+    try:
+        matrix = _own_matrix(block, len(types)) or _coupling(robot, on_joints, len(types))
+        if matrix:
+            row["coupling"] = {"JointToActuatorPosition": _cut(robot, matrix, axes)}
+    except _BadMatrixError as bad:  # its text is no matrix: the check refuses the file until a person has written one
+        robot.report.lost(bad.line, bad.key, "", f"{bad.text}: write JointToActuatorPosition")
+        row["coupling"] = {"JointToActuatorPosition": f"{bad.key}: {bad.text}"}
     return row
 
 
@@ -92,7 +104,7 @@ def _coupling(robot: Element, on_joints: bool, size: int) -> Matrix:
         inverse = _inverse(there, forward)
         if inverse and matrix and np.abs(np.array(inverse) - np.array(matrix)).max() > _INVERSE:
             text = "not the inverse of ActuatorToJointPosition"
-            block.report.error(back.line if back else block.line, f"{block.path}/JointToActuatorPosition", "", text)
+            raise _BadMatrixError(back.line if back else block.line, f"{block.path}/JointToActuatorPosition", text)
         matrix = matrix or inverse
     for tag in _MATRICES:
         block.drop_child(tag, _DERIVED)
@@ -106,8 +118,7 @@ def _inverse(element: Element, matrix: Matrix) -> Matrix:
     except np.linalg.LinAlgError:
         inverse = np.full((1, 1), np.nan)
     if not np.isfinite(inverse).all():
-        element.report.error(element.line, element.path, "", "has no inverse", "an invertible matrix")
-        return []
+        raise _BadMatrixError(element.line, element.path, "has no inverse")
     return [[float(value) for value in row] for row in np.round(inverse, 12) + 0.0]
 
 
@@ -118,12 +129,10 @@ def _matrix(element: Element, size: int) -> Matrix:
         try:
             rows.append([float(word) for word in text.split()])
         except ValueError:
-            row.report.error(row.line, row.key("Val"), text, "not numbers", f"{size} numbers")
-            return []
+            raise _BadMatrixError(row.line, row.key("Val"), f"not {size} numbers") from None
     good = len(rows) == size and all(len(row) == size for row in rows) and np.all(np.isfinite(np.array(rows)))
     if not good:
-        element.report.error(element.line, element.path, "", "wrong size", f"{size} rows of {size} numbers")
-        return []
+        raise _BadMatrixError(element.line, element.path, f"not {size} rows of {size} numbers")
     return rows
 
 
@@ -131,6 +140,5 @@ def _cut(robot: Element, matrix: Matrix, axes: int) -> Matrix:
     """The part of the first `axes`; the rest, a gripper's, must have nothing to do with it."""
     values = np.array(matrix)
     if values[:axes, axes:].any() or values[axes:, :axes].any():
-        text = "the gripper is coupled with the arm"
-        robot.report.error(robot.line, f"{robot.path}/Coupling", "", text, "0 in the gripper's row and column")
+        raise _BadMatrixError(robot.line, f"{robot.path}/Coupling", "the gripper is coupled with the arm")
     return [row[:axes] for row in matrix[:axes]]

@@ -138,7 +138,8 @@ def _json(path: PurePath, text: str, report: ConversionReport) -> tuple[str, lis
 
 
 def _from_console(path: PurePath, parsed: Parsed, report: ConversionReport) -> list[Output]:
-    stem = f"system-{path.stem.removeprefix('console').lstrip('-_') or 'console'}"
+    name = path.stem.removeprefix("console").removeprefix("system").lstrip("-_")
+    stem = f"system-{name or 'console'}"
     files = convert_console(parsed, stem, report)
     return [Output(f"{stem}.json", files.system), *(Output(name, data) for name, data in files.arms.items())]
 

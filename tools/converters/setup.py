@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from trocar.procs.config.read.jsontext import Parsed
-from trocar.procs.config.read.problem import KeyPath, key_text
+from trocar.procs.config.read.problem import KeyPath, key_text, value_text
 from trocar.tools.converters.report import ConversionReport
 
 Json = dict[str, object]
@@ -36,6 +36,9 @@ def _renamed(value: object, key: KeyPath, parsed: Parsed, report: ConversionRepo
         here = (*key, name)
         dashed = name.replace("-", "_")
         new = _TODAY.get(dashed, dashed)
+        if new != name and new in value:
+            report.dropped(parsed.lines.get(here, 0), key_text(here), value_text(item), f"{new} is there, too")
+            continue
         if new != name:
             report.converted(parsed.lines.get(here, 0), key_text(here), "", new, "today's name")
         row[new] = _renamed(item, here, parsed, report)

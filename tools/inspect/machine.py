@@ -89,7 +89,7 @@ def compiled(why_not: str) -> MachineFinding:
 def obtained() -> str:
     """Real-time properties of one of our processes, tested with one, in the words of `realtime`."""
     done = subprocess.run([sys.executable, "-P", "-c", ASK], cwd=ROOT, env=environment(), capture_output=True,
-                          text=True, check=False)
+                          text=True, errors="replace", check=False)
     return done.stdout.strip() or f"{NO_FIFO}, {NOT_LOCKED}"
 
 
@@ -283,6 +283,6 @@ def _percent(process: psutil.Process) -> float:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text().strip()
+        return path.read_text(encoding="utf-8").strip()
     except OSError:
         return ""

@@ -18,6 +18,7 @@ from typing import Any, TextIO
 from trocar.procs.crtk.plain import plain as plain
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.output.tables import table_lines, wrapped
+from trocar.tools.output.terminal import is_utf8
 
 SLOW_NS, NOW_AND_THEN_NS, LINES_NS = 2_000_000_000, 5_000_000_000, 10_000_000_000
 Say = Callable[[str, float | None], None]
@@ -54,9 +55,10 @@ def need_reader() -> None:
 
 
 def emit(*rows: Any) -> None:
-    """JSON objects, a line each, flushed at once; unprintable characters are escaped, and decode to the original."""
+    """JSON objects, a line each, flushed at once; characters that are unprintable, or that our output lacks, are
+    escaped, and decode to the original."""
     for row in rows:
-        text = json.dumps(plain(row), ensure_ascii=False)
+        text = json.dumps(plain(row), ensure_ascii=not is_utf8())
         print(text if text.isprintable() else "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text),
               flush=True)
 

@@ -143,7 +143,8 @@ def _versions() -> dict[str, Any]:
 def _git(*words: str) -> str:
     """State of the checkout according to git, without a lock on its index, which `describe --dirty` would take."""
     words = ("git", "--no-optional-locks", "-C", str(ROOT), *words)
-    return subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False).stdout.strip()
+    return subprocess.run(words, capture_output=True, text=True, errors="replace", timeout=PATIENCE_S,
+                          check=False).stdout.strip()
 
 
 def _document(system: str) -> bytes:

@@ -10,6 +10,7 @@ import typer
 
 from trocar.procs.config.read.problem import ERROR, count
 from trocar.tools.converters.converting import Conversion, Result
+from trocar.tools.converters.report import DROPPED, LOST
 from trocar.tools.output.printing import emit, tell
 from trocar.tools.verbs.options import JsonOption
 
@@ -37,16 +38,18 @@ def convert(
     results = Conversion(files, to, force, path or ()).results()
     for result in results:
         emit(_row(result)) if as_json else _print(result)
-    lost = [change for result in results if not _failed(result) for change in result.converted.lost]
+    changes = [change for result in results if not _failed(result) for change in result.converted.changes]
+    lost, dropped = ([change for change in changes if change.outcome == outcome] for outcome in (LOST, DROPPED))
     counts = _counts(results)
     bad = {what: [str(result.file) for result in results if is_so(result)]
            for what, is_so in (("failed", _failed), ("with errors left", _has_errors))}
     if as_json:
         emit({"summary": counts | {"failed_files": bad["failed"], "files_with_errors": bad["with errors left"],
-                                   "lost": [dataclasses.asdict(change) for change in lost]}})
+                                   "lost": [dataclasses.asdict(change) for change in lost],
+                                   "dropped": [dataclasses.asdict(change) for change in dropped]}})
     else:
         told = [f"{number} {_WORDS.get(what, what)}" for what, number in counts.items() if number or what in _ALWAYS]
-        tell(f"files: {', '.join(told)}; keys lost: {len(lost)}")
+        tell(f"files: {', '.join(told)}; keys lost: {len(lost)}, dropped: {len(dropped)}")
         for change in lost:
             tell(f"  {change}")
         for what, names in bad.items():

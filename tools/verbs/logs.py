@@ -218,6 +218,6 @@ def tail(path: Path, lines: int) -> str:
     """The newest lines of a file without their stamps, empty when there is none."""
     if not path.exists():
         return ""
-    with path.open(errors="replace") as file:
+    with path.open(encoding="utf-8", errors="replace") as file:
         found = map(parsed, deque(file, maxlen=lines))
         return "\n".join(f"{line.level} {line.text}".lstrip() for line in found).rstrip()

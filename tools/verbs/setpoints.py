@@ -54,7 +54,7 @@ def read_setpoints(path: Path, joints: int, has_jaw: bool) -> Setpoints:
 def _table(path: Path) -> Array:
     rows: list[list[float]] = []
     try:
-        with path.open(newline="") as file:
+        with path.open(encoding="utf-8", newline="") as file:
             for number, words in enumerate(csv.reader(file), 1):
                 if not words or (number == 1 and not _is_number(words[0])):
                     continue

@@ -62,6 +62,9 @@ _NEEDS = {
     "SIMULATED": (),
     "COMPONENTS": BUTTONS,
 }
+_USED_BY = {key: tuple(kind for kind, needed in _NEEDS.items() if key in needed)
+            for key in (HEAD, "HID_file", *BUTTONS)}
+_USED_BY[PEDALS] = (*(kind for kind in _NEEDS if kind.startswith("PEDALS")), COMPONENTS)  # there, as an IO file
 _HEAD_NAME = re.compile(r"head", re.IGNORECASE)
 
 
@@ -107,8 +110,11 @@ class _ConsoleLoader:
         key: KeyPath = ("consoles", index)
         for name in _NEEDS[keys.input_type]:
             if not getattr(keys, name):
-                self.system.error((*key, name),
-                                   f"this key is required with input_type {keys.input_type}")
+                self.system.error((*key, name), f"this key is required with input_type {keys.input_type}")
+        for name, types in _USED_BY.items():
+            if getattr(keys, name) and keys.input_type not in types:
+                self.system.error((*key, name), f"not used with input_type {keys.input_type}",
+                                  f"input_type {' or '.join(types)}, or no such key")
         ecms = [self._ecm((*key, "teleop_ECMs", place), keys.name, row) for place, row in enumerate(keys.teleop_ECMs)]
         psms = [self._psm((*key, "teleop_PSMs", place), keys.name, row) for place, row in enumerate(keys.teleop_PSMs)]
         self.ecms += [row for row in ecms if row is not None]
@@ -151,7 +157,7 @@ class _ConsoleLoader:
             return None
         bus = self.system.buses.get(keys.component)
         if bus is None:
-            return WiredInput(place_of(self.system.content, keys.component), keys.interface)
+            return WiredInput(place_of(self.system.content, keys), keys.interface)
         names = [row.name for content in bus.contents() for row in content.digital_inputs]
         if keys.interface not in names:
             self.system.error((*key, "interface"), f"{keys.component} has no such digital input",
@@ -318,10 +324,15 @@ def load_third_parties(system: SystemFiles) -> tuple[ThirdParty, ...]:
     return tuple(found.values())
 
 
-def place_of(content: SystemFile, component: str) -> str:
-    """The process or place of a component in the file: a generic arm may be named by its component, too."""
-    return next((row.name for row in content.arms if row.type.endswith(GENERIC) and component == row.component),
-                component)
+def place_of(content: SystemFile, button: InterfaceKeys) -> str:
+    """The process or place of a button: a generic arm may be named by its component, too.
+
+    Of several arms of one component, the one whose interface begins the button's (`MTMR/A`); "" if there is none.
+    """
+    arms = [row for row in content.arms if row.type.endswith(GENERIC) and button.component == row.component]
+    if len(arms) > 1:
+        return next((row.name for row in arms if button.interface.startswith(f"{row.interface or row.name}/")), "")
+    return arms[0].name if arms else button.component
 
 
 def _ask_button(system: SystemFiles, key: KeyPath, keys: InterfaceKeys | None, found: dict[str, ThirdParty]) -> None:
@@ -329,7 +340,13 @@ def _ask_button(system: SystemFiles, key: KeyPath, keys: InterfaceKeys | None, f
     content = system.content
     if keys is None or keys.component in [row.name for row in content.IOs]:
         return
-    name = place_of(content, keys.component)
+    name = place_of(content, keys)
+    if not name:
+        arms = [row for row in content.arms if row.type.endswith(GENERIC) and row.component == keys.component]
+        system.error((*key, "interface"), f"{keys.component} provides {', '.join(row.name for row in arms)}: whose "
+                     "button is it?", " or ".join(f"{row.interface or row.name}/{keys.interface}" for row in arms)
+                     + ", or the name of the arm as component")
+        return
     if name not in found:
         taken = RESERVED | {row.name for rows in (content.arms, content.consoles) for row in rows}
         for console in content.consoles:

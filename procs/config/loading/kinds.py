@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from trocar.procs.config.loading.arms import check_pid
 from trocar.procs.config.loading.buses import BusFiles
@@ -33,6 +33,7 @@ from trocar.procs.config.models.system_file import IoKeys
 from trocar.procs.config.read.problem import WARNING, FileProblem
 from trocar.procs.config.read.search import search_beside
 from trocar.procs.config.read.source import SourceFile, read_source
+from trocar.procs.config.read.validate import fields_of
 from trocar.procs.document.cart import CLASSIC, FIXED, SI
 from trocar.procs.machine.paths import PROJECT_CONFIGS, given_file, not_found
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
@@ -47,6 +48,11 @@ HEADS = {
     **{name.lower(): {"$id": f"dvrk-{name.lower()}.schema.json", "$version": "1"} for name in ARM_TYPES},
 }
 """First keys of these kinds of files; other kinds have none."""
+
+_OF_ALL = fields_of(ArmFile)
+OWN_KEYS = {name.lower(): tuple(key for key in fields_of(class_of(row.arm_file, ArmFile)) if key not in _OF_ALL)
+            for name, row in ARM_TYPES.items()}
+"""Keys that arm files of only this kind have."""
 
 _IDS = {head["$id"]: kind for kind, head in HEADS.items()}
 
@@ -76,7 +82,7 @@ def check_file(
     source, problems = read_source(path)
     if source is None:
         return Checked(path, UNKNOWN, tuple(problems))
-    kind = kind_of(source.data)
+    kind = kind_of(source.data, path.name)
     if kind == SYSTEM:
         return _check_system(path, search, boards, sets, configs)
     if kind == UNKNOWN:
@@ -99,8 +105,17 @@ def _check_system(
     return Checked(path, SYSTEM, tuple(problems), system.notes if system is not None else ())
 
 
-def kind_of(data: Mapping[str, object]) -> str:
-    """The kind of a file by its content: its `$id` or else by the keys that only this kind has."""
+def arm_kind(keys: Collection[str], kinematic: str, name: str = "") -> str:
+    """The kind of an arm file without `$id`: by keys that only one kind has, its chain, or its name; "": unknown."""
+    for kind, own in OWN_KEYS.items():
+        if not set(own).isdisjoint(keys):
+            return kind
+    starts = (PurePath(text).stem[:3].lower() for text in (kinematic, name))
+    return next((start for start in starts if start in OWN_KEYS), "")
+
+
+def kind_of(data: Mapping[str, object], name: str = "") -> str:
+    """The kind of a file by its content: its `$id` or else by the keys that only this kind has; `name`: the file's."""
     keys = set(data)
     if "$id" in keys:
         return _IDS.get(str(data["$id"]), UNKNOWN)
@@ -121,7 +136,7 @@ def kind_of(data: Mapping[str, object]) -> str:
     if {"id_vendor", "id_product"} & keys:
         return "head sensor"
     if "kinematic" in keys:
-        return "psm"
+        return arm_kind(keys, str(data["kinematic"]), name) or "psm"
     arms = data.get("arms")
     first = next((set(arm) for arm in arms if isinstance(arm, dict)), set()) if isinstance(arms, list) else set()
     if "measured_cp" in first:

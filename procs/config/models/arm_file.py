@@ -13,10 +13,10 @@ Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
 
 
 class ArmFile(Section):
-    """Keys of all arm files."""
+    """Keys of all arm files; as in dVRK 2.4, these need not state their format."""
 
-    id: str = Field(alias="$id")
-    version: Annotated[Literal["1"], VersionAsText] = Field(alias="$version")
+    id: str = Field(default="", alias="$id")
+    version: Annotated[Literal["1"], VersionAsText] = Field(default="1", alias="$version")
     kinematic: str = Field(min_length=1, description="a kinematic file")
     generation: Literal["Classic", "Si"]
     homing_zero_position: bool | None = None
@@ -29,7 +29,7 @@ class ArmFile(Section):
 class PsmFile(ArmFile):
     """A patient side manipulator."""
 
-    id: Literal["dvrk-psm.schema.json"] = Field(alias="$id")
+    id: Literal["dvrk-psm.schema.json"] = Field(default="dvrk-psm.schema.json", alias="$id")
     tool_detection: Literal["AUTOMATIC", "MANUAL", "FIXED"] = "AUTOMATIC"
     tool: str = Field(default="", description="NAME:MODEL or NAME:MODEL:VERSION")
     custom_tool_index: str = ""
@@ -39,7 +39,7 @@ class PsmFile(ArmFile):
 class EcmFile(ArmFile):
     """An endoscope arm."""
 
-    id: Literal["dvrk-ecm.schema.json"] = Field(alias="$id")
+    id: Literal["dvrk-ecm.schema.json"] = Field(default="dvrk-ecm.schema.json", alias="$id")
     endoscope: Literal[NAMES]  # type: ignore[valid-type]  # they are made from kinds and looks
     mounting_pitch: Pitch
 
@@ -47,7 +47,7 @@ class EcmFile(ArmFile):
 class MtmFile(ArmFile):
     """A master arm."""
 
-    id: Literal["dvrk-mtm.schema.json"] = Field(alias="$id")
+    id: Literal["dvrk-mtm.schema.json"] = Field(default="dvrk-mtm.schema.json", alias="$id")
     platform_gain: float = Field(default=0.5, ge=0.0, le=1.0)
     gripper_events_debounce: float = Field(default=0.2, ge=0.0, description="s")
     gripper_events_zero: float = 0.0

@@ -6,19 +6,19 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from trocar.procs.config.read.validate import MatrixRows, Name, Rows, Section, VersionAsText
+from trocar.procs.config.read.validate import MatrixRows, Name, Rows, SafetySection, Section, VersionAsText
 
 BoardId = Annotated[int, Field(ge=0, le=15, description="the controller's rotary switch")]
 
 
-class LinearKeys(Section):
+class LinearKeys(SafetySection):
     """scale · x + offset; both are 0 by default."""
 
     scale: float = 0.0
     offset: float = 0.0
 
 
-class DriveKeys(Section):
+class DriveKeys(SafetySection):
     """Efforts (N·m or N) to currents (A) to DAC bits and back."""
 
     effort_to_current: LinearKeys = LinearKeys()
@@ -27,14 +27,14 @@ class DriveKeys(Section):
     maximum_current: float = Field(default=0.0, ge=0.0, le=20.0, description="A")
 
 
-class LimitKeys(Section):
+class LimitKeys(SafetySection):
     """Soft position limits, rad or m."""
 
     lower: float
     upper: float
 
 
-class EncoderKeys(Section):
+class EncoderKeys(SafetySection):
     """Counts to rad or m."""
 
     bits_to_position: LinearKeys
@@ -42,14 +42,14 @@ class EncoderKeys(Section):
     velocity_source: Literal["FIRMWARE", "SOFTWARE"]
 
 
-class PotentiometerKeys(Section):
+class PotentiometerKeys(SafetySection):
     """ADC bits to V to rad or m."""
 
     bits_to_voltage: LinearKeys
     voltage_to_position: LinearKeys = LinearKeys()
 
 
-class ActuatorKeys(Section):
+class ActuatorKeys(SafetySection):
     """One motor axis."""
 
     board_id: BoardId
@@ -62,7 +62,7 @@ class ActuatorKeys(Section):
     brake: dict[str, object] | None = None  # as above
 
 
-class BrakeKeys(Section):
+class BrakeKeys(SafetySection):
     """One brake axis; currents in A, time in s."""
 
     board_id: BoardId
@@ -75,7 +75,7 @@ class BrakeKeys(Section):
     brake_id: int | None = None  # written by the generator, but not used
 
 
-class ToleranceKeys(Section):
+class ToleranceKeys(SafetySection):
     """Potentiometer against encoder: distance in rad or m, latency in s."""
 
     axis_id: int = Field(ge=0, le=15)
@@ -83,7 +83,7 @@ class ToleranceKeys(Section):
     latency: float = Field(ge=0.0)
 
 
-class PotCouplingKeys(Section):
+class PotCouplingKeys(SafetySection):
     """Matrices in CamelCase, as in the files."""
 
     JointToActuatorPosition: MatrixRows | None = None
@@ -92,7 +92,7 @@ class PotCouplingKeys(Section):
     ActuatorToJointEffort: MatrixRows | None = None
 
 
-class PotentiometersKeys(Section):
+class PotentiometersKeys(SafetySection):
     """A robot's potentiometers: type, tolerances and coupling."""
 
     potentiometers_type: Literal["UNDEFINED", "NONE", "ANALOG", "DIGITAL"]
@@ -101,7 +101,7 @@ class PotentiometersKeys(Section):
     lookup_table_file: str = ""
 
 
-class RobotKeys(Section):
+class RobotKeys(SafetySection):
     """One robot."""
 
     name: Name
@@ -118,7 +118,7 @@ class RobotKeys(Section):
     type: str = ""  # "io-only" in gripper files; the original software reads only_IO instead
 
 
-class DigitalInputKeys(Section):
+class DigitalInputKeys(SafetySection):
     """One button or switch; times in s."""
 
     name: Name
@@ -132,7 +132,7 @@ class DigitalInputKeys(Section):
     debounce_time_click: float = Field(default=0.0, ge=0.0, le=60.0, description="s")
 
 
-class DigitalOutputKeys(Section):
+class DigitalOutputKeys(SafetySection):
     """One output; times in s, frequency in Hz."""
 
     name: Name
@@ -144,7 +144,7 @@ class DigitalOutputKeys(Section):
     PWM_frequency: float = Field(default=0.0, ge=0.0)
 
 
-class DallasKeys(Section):
+class DallasKeys(SafetySection):
     """One instrument memory."""
 
     name: Name

@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from trocar.procs.config.read.validate import Rows, Section, VersionAsText, keys_of
+from trocar.procs.config.read.validate import Rows, SafetySection, Section, VersionAsText, keys_of
 from trocar.procs.document.gains import PidAxis
 
 
 @keys_of(PidAxis)
-class PidKeys(Section):
+class PidKeys(SafetySection):
     """The gains of one actuator; N·m/rad, N·m·s/rad or N/m, N·s/m."""
 
     index: int = Field(ge=0, le=15)

@@ -14,7 +14,8 @@ JOINTS, PLUGS = 6, 4
 Joints = Annotated[Rows[float], Field(min_length=JOINTS, max_length=JOINTS, description=f"{JOINTS} numbers")]
 Three = Annotated[Rows[float], Field(min_length=3, max_length=3, description="3 numbers")]
 SetupName = Annotated[Name, Field(max_length=24)]
-Address = Annotated[str, Field(pattern=r"^([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}$", description="a Bluetooth address")]
+Address = Annotated[
+    str, Field(pattern=r"^(([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2})?$", description="a Bluetooth address; empty: no board")]
 
 
 class FrameKeys(Section):

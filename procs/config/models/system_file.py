@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
-from trocar.procs.config.read.validate import MatrixRows, Name, Rows, Section, VersionAsText
+from trocar.procs.config.read.validate import MatrixRows, Name, Rows, SafetySection, Section, VersionAsText
 from trocar.procs.fpga.port_name import PORTS, PortName
 from trocar.procs.tables.arm_types import ARM_TYPES
 
@@ -46,7 +47,7 @@ Protocol = Literal[
 ]
 
 
-class IoKeys(Section):
+class IoKeys(SafetySection):
     """One bus."""
 
     name: Name
@@ -58,14 +59,14 @@ class IoKeys(Section):
     close_all_relays: bool = True
 
 
-class InterfaceKeys(Section):
+class InterfaceKeys(SafetySection):
     """An interface of a component."""
 
     component: str
     interface: str
 
 
-class IoDeviceKeys(Section):
+class IoDeviceKeys(SafetySection):
     """A device wired to a bus: pedals, head sensor, focus controller."""
 
     name: str = ""
@@ -73,7 +74,7 @@ class IoDeviceKeys(Section):
     IO_file: str
 
 
-class BaseFrameKeys(Section):
+class BaseFrameKeys(SafetySection):
     """Either a fixed transform, or an interface that provides it."""
 
     reference_frame: str | None = None
@@ -86,7 +87,7 @@ TYPES = (*(name + how for name in ARM_TYPES for how in ("", "_DERIVED", "_GENERI
          "SUJ_Fixed", "FOCUS_CONTROLLER")
 
 
-class ArmKeys(Section):
+class ArmKeys(SafetySection):
     """One arm."""
 
     name: Name
@@ -107,14 +108,17 @@ class ArmKeys(Section):
     base_frame: BaseFrameKeys | None = None
 
 
-class GripperScalingKeys(Section):
+_CLUTCH = {"clutch": "a clutch for one teleoperation; list this one in a console of its own that has the clutch"}
+
+
+class GripperScalingKeys(SafetySection):
     """Gripper angles for closed and open, rad."""
 
     zero: float = 0.0
     max: float = 1.0471976
 
 
-class TeleopPsmParameters(Section):
+class TeleopPsmParameters(SafetySection):
     """Parameters of a PSM teleoperation; angles in rad."""
 
     scale: float = Field(default=0.2, gt=0.0, le=1.0)
@@ -134,9 +138,10 @@ class TeleopPsmParameters(Section):
     MTM_is_haptic: bool = True
 
 
-class TeleopPsmKeys(Section):
+class TeleopPsmKeys(SafetySection):
     """Teleoperation of one slave by one master."""
 
+    instead: ClassVar[Mapping[str, str]] = _CLUTCH
     type: Literal["TELEOP_PSM", "TELEOP_PSM_DERIVED", "TELEOP_PSM_GENERIC"] = "TELEOP_PSM"
     MTM: str
     PSM: str
@@ -147,16 +152,18 @@ class TeleopPsmKeys(Section):
     interface: str = ""
 
 
-class TeleopEcmParameters(Section):
+class TeleopEcmParameters(SafetySection):
     """Parameters of an ECM teleoperation."""
 
     scale: float = Field(default=0.2, gt=0.0, le=1.0, description="of the insertion")
     camera_roll_offset: float = Field(default=0.0, description="rad")
+    check_MTMs_workspace: bool = True
 
 
-class TeleopEcmKeys(Section):
+class TeleopEcmKeys(SafetySection):
     """Teleoperation of the endoscope arm by two masters."""
 
+    instead: ClassVar[Mapping[str, str]] = _CLUTCH
     type: Literal["TELEOP_ECM", "TELEOP_ECM_DERIVED", "TELEOP_ECM_GENERIC"] = "TELEOP_ECM"
     MTML: str
     MTMR: str
@@ -167,7 +174,7 @@ class TeleopEcmKeys(Section):
     interface: str = ""
 
 
-class ConsoleKeys(Section):
+class ConsoleKeys(SafetySection):
     """One operator's console."""
 
     name: Name

@@ -42,6 +42,8 @@ _SLIP = 0.75  # an unknown key of at least this similarity counts as a typing er
 _CALIBRATION = re.compile(  # a word of a name
     r"(?:^|[_-])(?:scales?|scaling|offsets?|gains?|limits?|lower|upper|qmin|qmax|ftmax|max|currents?|tolerances?|distance)"
     r"(?:[_-]|$)", re.IGNORECASE)
+_REQUIRED, _UNKNOWN = "this key is required", "unknown key"
+_COMMENT = re.compile(r"[_#/]|\$(?:schema|comment)\Z")
 _FORMAT: dict[KeyPath, int] = {("$id",): 0, ("$version",): 1}  # reported first: other formats cause many errors
 VersionAsText = BeforeValidator(_whole_as_text)
 
@@ -52,6 +54,16 @@ class Section(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False, defer_build=True)
     counts_when_empty: ClassVar[bool] = False
     """Whether an empty section differs from an absent one."""
+    needs_known_keys: ClassVar[bool] = False
+    """Whether an unknown key is an error: a robot that ignores it may be less safe than its file says."""
+
+
+class SafetySection(Section):
+    """A section with a safety meaning: unknown keys in it are errors."""
+
+    needs_known_keys: ClassVar[bool] = True
+    instead: ClassVar[Mapping[str, str]] = {}
+    """Keys of other versions that are not supported, and what to do instead."""
 
 
 def keys_of(kind: type) -> Callable[[type[ModelType]], type[ModelType]]:
@@ -91,13 +103,29 @@ def validate(
     data = source.at(key) if key else source.data
     problems = list(_unknown_keys(model, source, key, data, unknown))
     try:
-        return model.model_validate(_without_empty(model, data)), problems
+        content = model.model_validate(_without_empty(model, data))
+        return content, _with_format(model, source, key, problems)
     except ValidationError as bad:
         found = sorted(bad.errors(include_url=False), key=lambda error: _FORMAT.get(error["loc"], 2))
         inside = {error["loc"][:cut] for error in found for cut in range(len(error["loc"]))}
         problems += [_problem(model, source, key, error) for error in found
                      if not (error["type"] == "too_short" and error["loc"] in inside)]  # wrong rows are not missing
-    return None, problems
+    return None, _with_format(model, source, key, problems)
+
+
+def _with_format(model: type[BaseModel], source: SourceFile, key: KeyPath,
+                 problems: list[FileProblem]) -> list[FileProblem]:
+    """The problems; first, that a file which need not state its format has the keys of another one."""
+    here = (*key, "$id")
+    other = any(problem.severity == ERROR and problem.text.startswith((_UNKNOWN, _REQUIRED)) for problem in problems)
+    if not other or "$id" not in fields_of(model) or source.at(here) or any(row.key == "$id" for row in problems):
+        return problems
+    return [_unstated(source, here, _allowed(*_describe_at(model, ("$id",)))), *problems]
+
+
+def _unstated(source: SourceFile, where: KeyPath, allowed: str) -> FileProblem:
+    text = f"{_REQUIRED}: a file without it is from before dVRK 2.4, or of another kind"
+    return source.problem(where, text, allowed=f"{allowed}; trocar convert brings old files up to date")
 
 
 def _without_empty(annotation: Any, data: object) -> object:
@@ -131,10 +159,9 @@ def _problem(model: type[BaseModel], source: SourceFile, key: KeyPath, error: An
     allowed = _allowed(annotation, metadata, description)
     kind = str(error["type"])
     if kind == "missing" and inner == ("$id",):
-        text = "this key is required: a file without it is from before dVRK 2.4, or of another kind"
-        return source.problem(where, text, allowed=f"{allowed}; trocar convert brings old files up to date")
+        return _unstated(source, where, allowed)
     if kind == "missing":
-        return source.problem(where, "this key is required", allowed=allowed)
+        return source.problem(where, _REQUIRED, allowed=allowed)
     while not source.has(where):  # a single text may replace a list of one
         where = where[:-1]
     if kind == "value_error":
@@ -146,15 +173,21 @@ def _problem(model: type[BaseModel], source: SourceFile, key: KeyPath, error: An
     if kind == "literal_error":
         return source.problem(where, _unlike(annotation, error["input"]), allowed=allowed)
     if kind.endswith("_type"):
-        return source.problem(where, "wrong type", allowed=allowed)
+        return source.problem(where, _wrong_type(annotation is str, error["input"]), allowed=allowed)
     return source.problem(where, "not allowed" if kind.startswith("string") else "out of range", allowed=allowed)
 
 
 def _unlike(annotation: Any, value: object) -> str:
     """The problem of a value that is not among those listed."""
-    if type(value) not in {type(listed) for listed in _literals(annotation)}:
-        return "wrong type"
+    kinds = {type(listed) for listed in _literals(annotation)}
+    if type(value) not in kinds:
+        return _wrong_type(kinds == {str}, value)
     return "unknown word" if isinstance(value, str) else "no such value"
+
+
+def _wrong_type(needs_text: bool, value: object) -> str:
+    """The problem of a value of another type; YAML reads 28007 and true as such, not as texts."""
+    return "wrong type: put it in quotes" if needs_text and isinstance(value, int | float) else "wrong type"
 
 
 def unwrapped(annotation: Any) -> tuple[Any, list[Any], str]:
@@ -258,30 +291,53 @@ def _unknown_keys(annotation: Any, source: SourceFile, key: KeyPath, data: objec
             problems += _unknown_keys(typing.get_args(annotation)[1], source, (*key, name), item, severity)
     elif isinstance(data, dict) and _is_model(annotation):
         known = fields_of(annotation)
+        severity = ERROR if annotation.needs_known_keys else severity
         for name, item in data.items():
             if name in known:
                 problems += _unknown_keys(known[name].annotation, source, (*key, name), item, severity)
             else:
-                problems.append(_unknown(source, (*key, name), known, severity))
+                instead = getattr(annotation, "instead", {}).get(name, "")
+                problems.append(source.problem((*key, name), f"not supported: {instead}", allowed=", ".join(known))
+                                if instead else _unknown(source, (*key, name), known, severity))
     return problems
 
 
 def _unknown(source: SourceFile, key: KeyPath, known: Mapping[str, FieldInfo], severity: str) -> FileProblem:
-    """The problem of an unknown key: ignored as in the original software, but an error if it is likely a typing error
-    that would leave a calibration, gain or limit at its default."""
+    """The problem of an unknown key: ignored as in the original software, but an error in a `SafetySection`, if it is a
+    known key in another spelling, or if it is likely a typing error that would leave a calibration, gain or limit at
+    its default. Keys that begin with _, # or / are comments.
+    """
     name = str(key[-1])
-    folded = {candidate.lower(): candidate for candidate in known}
-    nearest = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    allowed = ", ".join(known)
+    if _COMMENT.match(name):
+        return source.problem(key, "a comment, ignored", allowed=allowed, severity=WARNING)
+    folded = {_folded(candidate): candidate for candidate in known}
+    nearest = difflib.get_close_matches(_folded(name), folded, n=1, cutoff=0.5)
     meant = folded[nearest[0]] if nearest else ""
-    slip = bool(difflib.get_close_matches(name.lower(), nearest, n=1, cutoff=_SLIP))
-    unnoticed = slip and not known[meant].is_required() and not source.has((*key[:-1], meant))
-    if severity != ERROR and unnoticed and _calibrates(meant, known[meant]):
-        text = f'unknown key; did you mean "{meant}"? Its default would be used unnoticed'
-        return source.problem(key, text, allowed=", ".join(known))
-    text = "unknown key, ignored" if severity != ERROR else "unknown key"
-    if meant:
-        text += f'; did you mean "{meant}"?'
-    return source.problem(key, text, allowed=", ".join(known), severity=severity)
+    absent = bool(meant) and not source.has((*key[:-1], meant))
+    slip = bool(difflib.get_close_matches(_folded(name), nearest, n=1, cutoff=_SLIP))
+    unnoticed = absent and slip and not known[meant].is_required() and _calibrates(meant, known[meant])
+    if (absent and _folded(name) == _folded(meant)) or severity == ERROR or unnoticed:
+        text, severity = _UNKNOWN, ERROR
+    else:
+        text = f"{_UNKNOWN}, ignored"
+    inside = next((inner for inner, field in known.items() if name in _inner(field)), "")
+    if inside:
+        text += f"; it belongs in {inside}"
+    elif meant:
+        text += f'; did you mean "{meant}"?' + (" Its default would be used unnoticed" if unnoticed else "")
+    return source.problem(key, text, allowed=allowed, severity=severity)
+
+
+def _folded(name: str) -> str:
+    """A key as other versions spell it: align-mtm is align_MTM."""
+    return name.lower().replace("-", "_")
+
+
+def _inner(field: FieldInfo) -> Mapping[str, FieldInfo]:
+    """The keys of a section that is a value."""
+    annotation = unwrapped(field.annotation)[0]
+    return fields_of(annotation) if _is_model(annotation) else {}
 
 
 def _calibrates(name: str, field: FieldInfo) -> bool:
