@@ -84,7 +84,7 @@ class Commands:
     def take(self) -> list[PendingCommand]:
         """All received commands."""
         return [PendingCommand(asked.row.depth == STREAM, partial(self._carry_out, asked, message))
-                for asked in self._asked for message in asked.reader.take(self._say)]
+                for asked in self._asked for message in asked.reader.take(partial(self._say, asked.to))]
 
     def hear(self) -> None:
         """Collect the outcomes; release commands held down by nodes that have left."""
@@ -99,7 +99,7 @@ class Commands:
                 if reply.outcome != "accepted":
                     self._open[client].discard(reply.id)
                 if reply.outcome in ("refused", "failed"):
-                    self._say(f"{client.instance}: {reply.text}")
+                    self._say(client.instance, f"{client.instance}: {reply.text}")
             if not self._open[client]:
                 del self._open[client]
 
@@ -108,7 +108,7 @@ class Commands:
         text = asked.fixed_text or taken.text(message)
         numbers = np.asarray(taken.numbers(message), dtype=np.float64)
         if not self._may_power and may_power(row, text, numbers):
-            self._say(f"{to} {row.name}: {MAY_NOT}")
+            self._say(to, f"{to}: {row.name}: {MAY_NOT}")
             return
         try:
             client = self._client(to, self._peer(asked.reader, message))
@@ -118,7 +118,7 @@ class Commands:
                 if pressed:
                     self._held[held] = asked.reader, message.sample_info.publication_handle
         except (MailboxFull, SegmentError, ValueError) as error:
-            self._say(f"{to} {row.name}: {error}")
+            self._say(to, f"{to}: {row.name}: {error}")
 
     def _peer(self, reader: TopicReader[Any], message: Any) -> int:
         """Which ROS participant sent it: nodes of one process are one; 0: it has gone."""

@@ -81,7 +81,7 @@ class RosLoop(UserNode):
         asked = addressees(document)
         self._publish_all(ShownTopics(document, row))
         arms = [each for each in asked if each.kind == "arm"]
-        refusals = Refusals(self._warn, self.time.now_ns)
+        refusals = Refusals(self._refused, self.time.now_ns)
         self._incoming = Commands(participant, self.system, asked, may_power=row.may_power, refusals=refusals)
         states = {arm.name: partial(self._state_of, arm.name) for arm in arms}
         self._questions = Services(participant, self.system, arms, states, refusals, self.time.now_ns)
@@ -137,8 +137,11 @@ class RosLoop(UserNode):
         told = self.events[arm].state
         return told.message if told is not None else OperatingState()
 
-    def _warn(self, text: str) -> None:
+    def _refused(self, to: str, text: str) -> None:
+        """Report a refusal as ours, which /rosout repeats, and on the topic of the instance that it was for."""
         self.own.events.report(codes.ROS_REFUSED, text, self.name)
+        if to in self.events:
+            self.events[to].refuse(text)
 
     def _rest(self, left_ns: int, looks: bool) -> None:
         """Execute ROS requests at once.

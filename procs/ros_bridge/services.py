@@ -154,7 +154,8 @@ class Services:
     def take(self) -> list[PendingCommand]:
         """All received requests."""
         return [PendingCommand(False, partial(self._pass_on, server, client, request))
-                for server, client in self._servers for request in server.reader.take(self._say)]
+                for server, client in self._servers
+                for request in server.reader.take(partial(self._say, client.instance))]
 
     def hear(self) -> None:
         """Send the answers received."""
@@ -169,10 +170,10 @@ class Services:
             self._answer(self._waiting.pop(key), False, f"{key[0].instance} did not answer")
 
     def _pass_on(self, server: Server, client: Client, request: Any) -> None:
-        if self._can_be_answered(server, request.sample_info.publication_handle):
+        if self._can_be_answered(server, client.instance, request.sample_info.publication_handle):
             self._ask(server, client, request)
 
-    def _can_be_answered(self, server: Server, writer: int) -> bool:
+    def _can_be_answered(self, server: Server, of: str, writer: int) -> bool:
         """Whether it is a Cyclone request; others would be read as garbage."""
         if writer in self._strangers:
             return False
@@ -182,8 +183,8 @@ class Services:
         if len(self._strangers) >= STRANGERS:
             self._strangers.clear()
         self._strangers.add(writer)
-        self._say(f"{server.name}: a client whose services cannot be answered; start it with "
-                   "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp")
+        self._say(of, f"{server.name}: a client whose services cannot be answered; start it with "
+                  "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp")
         return False
 
     def _ask(self, server: Server, client: Client, request: Any) -> None:

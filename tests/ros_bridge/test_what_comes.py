@@ -80,29 +80,29 @@ def test_a_message_that_is_too_large_goes_nowhere(participant: Participant) -> N
 
 
 def test_a_refusal_is_told_once_a_second_and_few_are_remembered() -> None:
-    told: list[str] = []
+    told: list[tuple[str, str]] = []
     now = 0
-    refusals = Refusals(told.append, lambda: now)
+    refusals = Refusals(lambda *said: told.append(said), lambda: now)
     for _ in range(10):
-        refusals.say("no")
+        refusals.say("PSM1", "no")
     now += SILENT_NS
-    refusals.say("no")
-    assert told == ["no", "no"]
+    refusals.say("PSM1", "no")
+    assert told == [("PSM1", "no")] * 2
     for k in range(3 * KEPT):
-        refusals.say(str(k))
+        refusals.say("PSM1", str(k))
     assert len(refusals._silent_until) <= KEPT and len(told) == 2 + 3 * KEPT
 
 
 def test_who_cannot_be_answered_is_told_once_and_not_remembered_for_ever() -> None:
     told: list[str] = []
     services = Services.__new__(Services)
-    services._strangers, services._say = set(), told.append
+    services._strangers, services._say = set(), lambda to, text: told.append(to)
     server: Any = SimpleNamespace(name="PSM1/forward_kinematics", reader=SimpleNamespace(writer=lambda handle: None))
     for handle in range(3 * STRANGERS):
         for _ in range(2):
-            assert not services._can_be_answered(server, handle)
+            assert not services._can_be_answered(server, "PSM1", handle)
         assert len(services._strangers) <= STRANGERS
-    assert len(told) == 3 * STRANGERS
+    assert told == ["PSM1"] * (3 * STRANGERS)
 
 
 def test_operating_states_go_on_with_newer_stamps_when_the_time_of_day_is_set_back() -> None:
@@ -166,7 +166,7 @@ def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.Mo
     writers, readers = {5, 6}, dict[str, FakeReader]()
     node: Any = SimpleNamespace(reader=lambda name, *_: readers.setdefault(name, FakeReader(name, writers)))
     commands = carrying_out.Commands(node, "x", [carrying_out.Addressee("console", "console")], may_power=True,
-                                     refusals=Refusals(lambda text: None, lambda: 0))
+                                     refusals=Refusals(lambda to, text: None, lambda: 0))
 
     def say(name: str, pressed: int | None, handle: int) -> None:
         message = Joy(buttons=[] if pressed is None else [pressed])

@@ -153,7 +153,7 @@ def test_ros_lets_through_what_it_may_power(world: World, kind: str, box: Mailbo
     participant: Any = SimpleNamespace(reader=lambda *_: SimpleNamespace(writer=lambda handle: writer))
     message = SimpleNamespace(sample_info=SimpleNamespace(publication_handle=1))
     said: list[str] = []
-    refusals: Any = SimpleNamespace(say=said.append)
+    refusals: Any = SimpleNamespace(say=lambda to, text: said.append(to))
     commands = Commands(participant, world.name, [Addressee(OWNER, kind)], may_power=may_power, refusals=refusals)
     for row, text, values in cases(kind):
         if row.ros is None:
