@@ -24,7 +24,7 @@ def order_of(names: tuple[str, ...], joints: tuple[str, ...]) -> tuple[int, ...]
     """
     if not names:
         return None
-    known = {}
+    known: dict[str, int] = {}
     for joint, name in enumerate(joints):
         short = name.removeprefix(OUTER)
         known |= {str(joint): joint, short: joint, f"{OUTER}{short}": joint}

@@ -20,13 +20,14 @@ import numpy as np
 from trocar.procs.crtk.held import Held, ending, presses
 from trocar.procs.crtk.joint_order import JointNames, WrongNames, in_order
 from trocar.procs.document.bridges import RosBridge
-from trocar.procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, no_text
+from trocar.procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, frame_of, no_text
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_bridge.refusals import Refusals
 from trocar.procs.ros_messages.dds import Participant, TopicReader
 from trocar.procs.ros_messages.messages import JointStates
 from trocar.shm.commands import may_power
 from trocar.shm.mailbox.client import Client, MailboxFull
+from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.memory.segment import SegmentError
 
 MAY_NOT: Final = "the ROS bridge may not power, home or release anything (trocar: {ros: {may_power: …}})"
@@ -118,6 +119,8 @@ class Commands:
             if asked.joints is not None and (message.name or message.velocity):
                 arrange(message, asked.joints.now(), by_name=self._bridge.check_names)
             text = asked.fixed_text or taken.text(message)
+            if taken.text is frame_of and text:
+                text = self._frame(row, text)
             numbers = np.asarray(taken.numbers(message), dtype=np.float64)
             if not self._bridge.may_power and may_power(row, text, numbers):
                 raise ValueError(MAY_NOT)
@@ -131,6 +134,14 @@ class Commands:
             self._say(to, f"{to}: {row.name}: {error}; {BY_ORDER}")
         except (MailboxFull, SegmentError, ValueError) as error:
             self._say(to, f"{to}: {row.name}: {error}")
+
+    def _frame(self, row: CommandRow, frame: str) -> str:
+        """The frame as the command gets it; ValueError if it takes none."""
+        if not self._bridge.check_frames:
+            return ""
+        if not row.text:
+            raise ValueError(f"frame {frame}; it takes no frame; trocar: {{ros: {{check_frames: false}}}} ignores it")
+        return frame
 
     def _peer(self, reader: TopicReader[Any], message: Any) -> int:
         """Which ROS participant sent it: nodes of one process are one; 0: it has gone."""
