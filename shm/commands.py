@@ -60,6 +60,8 @@ RATIO: Final = Argument("ratio", low=0.0, high=1.0, above=True)
 SCALE: Final = Argument("scale", low=0.0, high=1.0, above=True)
 PEDAL: Final = Argument("button (0 released, 1 pressed, 2 clicked)", low=0.0, high=2.0, whole=True)
 
+FRAME: Final = "frame: the arm's base, or by default its reference frame"
+
 GRIP: Final = tuple(Argument(name, unit, 2, optional=True) for name, unit in (
     ("stiffness", "N/m, N·m/rad"), ("damping", "N·s/m, N·m·s/rad"), ("limits", "N, N·m")))
 PSM, MTM, ECM = ("PSM",), ("MTM",), ("ECM",)
@@ -134,24 +136,24 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    (VELOCITY,), stream="position", ros=Ros("joint velocities", newest=True)),
         CommandRow("servo_jf", MOTION, "apply these joint efforts, for arm.effort_timeout_s; zeros forever", (EFFORT,),
                    effect_of_zero=FREE, stream="effort", ros=Ros("joint efforts", newest=True)),
-        CommandRow("servo_cp", MOTION, "follow this tip pose now", (POSE, TWIST), stream="position",
+        CommandRow("servo_cp", MOTION, "follow this tip pose now", (POSE, TWIST), text=FRAME, stream="position",
                    ros=Ros("pose", newest=True)),
         CommandRow("servo_cr", MOTION, "follow the setpoint pose, shifted and turned about its tip", (POSE,),
-                   stream="position", ros=Ros("pose")),
+                   text=FRAME, stream="position", ros=Ros("pose")),
         CommandRow("servo_cs", MOTION, "follow a pose with velocity and wrench; without a pose apply the wrench",
                    (POSE, replace(TWIST, optional=False), WRENCH,
                     replace(ON, name="1 or 0 for pose, twist, wrench", size=3)),
-                   stream="position", ros=Ros("cartesian state", newest=True)),
+                   text=FRAME, stream="position", ros=Ros("cartesian state", newest=True)),
         CommandRow("servo_cf", MOTION, "the same as body/servo_cf",
-                   (WRENCH, *FOR_A_WHILE), effect_of_zero=FREE, stream="effort"),
+                   (WRENCH, *FOR_A_WHILE), text=FRAME, effect_of_zero=FREE, stream="effort"),
         CommandRow("body/servo_cf", MOTION,
                    "apply this force and torque at the tip, for arm.effort_timeout_s at most",
-                   (WRENCH, *FOR_A_WHILE), effect_of_zero=FREE, stream="effort",
+                   (WRENCH, *FOR_A_WHILE), text=FRAME, effect_of_zero=FREE, stream="effort",
                     ros=Ros("wrench", newest=True)),
         CommandRow("spatial/servo_cf", MOTION, "apply this force and torque at the origin of the base", (WRENCH,),
-                   effect_of_zero=FREE, stream="effort", ros=Ros("wrench", newest=True)),
+                   text=FRAME, effect_of_zero=FREE, stream="effort", ros=Ros("wrench", newest=True)),
         CommandRow("servo_ci", MOTION, "push as springs and dampers about a position and an orientation do",
-                   (Argument("position, axes q, orientation q, gains", size=59),), stream="effort",
+                   (Argument("position, axes q, orientation q, gains", size=59),), text=FRAME, stream="effort",
                    ros=Ros("impedance", newest=True)),
         CommandRow("body/set_cf_orientation_absolute", SETTING,
                    "wrenches that do not say whose axes they have are in those of the reference frame", (ON,),
@@ -159,10 +161,10 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("move_jp", MOTION, "move to these joint positions and stop there", (POSITION,),
                    move=True, ros=Ros("joint positions")),
         CommandRow("move_jr", MOTION, "move by these increments", (INCREMENT,), move=True, ros=Ros("joint positions")),
-        CommandRow("move_cp", MOTION, "move to this tip pose, joints in a straight line", (POSE,), move=True,
-                   ros=Ros("pose")),
-        CommandRow("move_cr", MOTION, "move the tip by a shift and a turn about itself", (POSE,), move=True,
-                   ros=Ros("pose")),
+        CommandRow("move_cp", MOTION, "move to this tip pose, joints in a straight line", (POSE,), text=FRAME,
+                   move=True, ros=Ros("pose")),
+        CommandRow("move_cr", MOTION, "move the tip by a shift and a turn about itself", (POSE,), text=FRAME,
+                   move=True, ros=Ros("pose")),
         CommandRow("jaw/servo_jp", MOTION, "follow this jaw angle now", (Argument("position", "rad"),),
                    stream="jaw", types=PSM, ros=Ros("joint positions", newest=True)),
         CommandRow("jaw/move_jp", MOTION, "move the jaw to this angle", (Argument("position", "rad"),), types=PSM,

@@ -32,6 +32,7 @@ from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import ANSWERED, Request
 from trocar.procs.tables import codes
+from trocar.procs.tables.arm_types import base_name
 from trocar.shm.mailbox.origins import NOBODY
 
 
@@ -52,11 +53,11 @@ class ArmLogic:
         self.io, self._setup_base = control.io, around.setup_base
         self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
         base: Array | None = np.array(arm.base_frame) if arm.base_frame is not None else np.eye(4)
-        frame = arm.reference_frame or f"{arm.name}_base"
+        frame = arm.reference_frame or base_name(arm.name)
         if before is not None:
             frame, base = before.reference_frame, before.base
             control.motion.ratio_v, control.motion.ratio_a = before.ratio_v, before.ratio_a
-        control.record.show_frame(frame)
+        control.cartesian.name_frame(frame)
         control.cartesian.set_base(base if around.setup_base is None else None)
         control.record.show_ratios(control.motion)
         self._started = self._clutched = False
@@ -245,7 +246,7 @@ class ArmLogic:
         """The setup joints moved the base, or are no longer valid."""
         self.control.set_base(setup.base)
         if setup.frame:
-            self.control.record.show_frame(setup.frame)
+            self.control.cartesian.name_frame(setup.frame)
 
     def _watch_clutch(self) -> None:
         """When pressed, an operator moves the arm by hand, if it is ready for that; see `Manual` for the end."""

@@ -29,10 +29,13 @@ from trocar.procs.native.arm_fields import CARTESIAN
 from trocar.procs.native.library import chosen
 from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import CommandRefused
+from trocar.procs.tables.arm_types import base_name
 
 
 class Cartesian:
     """The Cartesian part of an arm's record. `base` is the pose of the arm's base in the reference frame.
+
+    `frame` and `local_frame` are the names of the reference frame and of the base.
 
     `tip` and `rotation` are the measured tip's pose (4, 4) in the arm's base and its axes (3, 3) in the reference
     frame, `twist` (6,) the tip's twist in the reference frame; `jacobian` (6, count) is the body Jacobian, `spatial`
@@ -46,9 +49,12 @@ class Cartesian:
     EVERYTHING: Final = WRENCHES | SPATIAL
     """The values that are computed on demand."""
 
-    def __init__(self, field: Fields, io: ArmReadings) -> None:
-        """`field` gives the arrays of the arm's own record."""
-        self.io = io
+    def __init__(self, field: Fields, io: ArmReadings, arm: str) -> None:
+        """`field` gives the arrays of the own record of `arm`."""
+        self.io, self.frame, self.local_frame = io, "", base_name(arm)
+        self._shown_frame = field("reference_frame")
+        self.frame_bytes = self._shown_frame.dtype.itemsize
+        """Room for the name of a frame."""
         self.measured, self.setpoint = field("measured_cp"), field("setpoint_cp")
         self.local_measured, self.local_setpoint = field("local_measured_cp"), field("local_setpoint_cp")
         self.twist, self.setpoint_twist = field("measured_cv"), field("setpoint_cv")
@@ -107,6 +113,21 @@ class Cartesian:
             if self.valid:
                 self.update()  # so that no record lacks poses that were known before and after
 
+    def name_frame(self, name: str) -> None:
+        """Set the name of the reference frame."""
+        self.frame, self._shown_frame[...] = name, name.encode()
+
+    def is_local(self, frame: str) -> bool:
+        """Whether a command in this frame is in the arm's base; otherwise it is in the reference frame.
+
+        Without a name it is in the reference frame; CommandRefused for the name of any other frame.
+        """
+        if frame == self.local_frame:
+            return True
+        if frame in ("", self.frame):
+            return False
+        raise CommandRefused(f"frame {frame}; allowed: {self.frame}, {self.local_frame}")
+
     def need_base(self) -> None:
         """CommandRefused while the base frame is not known."""
         if not self.base_known:
@@ -137,6 +158,15 @@ class Cartesian:
     def to_reference(self, pose: Array) -> Array:
         """A pose (4, 4) of the arm's base, in the reference frame."""
         return pose if self._is_identity else self.base @ pose
+
+    def turned(self, values: Array) -> Array:
+        """A twist or wrench (6,) in axes of the arm's base, in those of the reference frame."""
+        return (values.reshape(2, 3) @ self.base[:3, :3].T).reshape(6)
+
+    def wrench_at_base(self, wrench: Array) -> Array:
+        """A wrench (6,) at the origin of the reference frame, in its axes, at that of the arm's base, in its axes."""
+        force, torque = wrench[:3], wrench[3:] - np.cross(self.base[:3, 3], wrench[:3])
+        return (np.stack((force, torque)) @ self.base[:3, :3]).reshape(6)
 
     def clear(self) -> None:
         """Mark all Cartesian values as invalid."""

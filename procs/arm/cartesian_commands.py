@@ -1,4 +1,7 @@
-"""Commands of the tip. Poses are x y z, quaternion x y z w, in the reference frame unless stated otherwise."""
+"""Commands of the tip. Poses are x y z, quaternion x y z w.
+
+A command's text names the frame of its numbers: the arm's base, or the reference frame, which is the default.
+"""
 
 from __future__ import annotations
 
@@ -58,26 +61,41 @@ class CartesianCommands:
         if why:
             raise control.refusal(codes.NOT_INSERTED, name, why, REPORT_NS)
 
+    def _is_local(self, request: Request) -> bool:
+        """Whether a command is in the frame of the arm's base, see `Cartesian.is_local`."""
+        try:
+            return self._control.cartesian.is_local(request.text)
+        except CommandRefused as error:
+            raise self._control.refusal(codes.UNKNOWN_FRAME, request.name, str(error), REPORT_NS) from None
+
     # poses
 
-    def _pose(self, values: Array) -> Array:
+    def _pose(self, request: Request) -> Array:
         """The pose (4, 4) of a command, in the arm's base."""
+        pose = given_pose(request.values[:POSE])
+        if self._is_local(request):
+            return pose
         self._control.cartesian.need_base()
-        return self._control.cartesian.to_local(given_pose(values[:POSE]))
+        return self._control.cartesian.to_local(pose)
+
+    def _turned(self, request: Request, values: Array) -> Array:
+        """A twist or wrench (6,) of a command, in axes of the reference frame."""
+        return self._control.cartesian.turned(values) if self._is_local(request) else values
 
     def _relative(self, request: Request, joints: Array) -> Array:
-        """The tip at `joints`, shifted and turned about itself in axes of the reference frame; expressed in the base.
-        """
+        """The tip at `joints`, shifted and turned about itself in axes of the command's frame, in the base."""
         control = self._control
         kinematics, cartesian = control.joints.kinematics, control.cartesian
         if kinematics is None:
             raise CommandRefused("there is no instrument, so no tip")
-        cartesian.need_base()
-        change = given_pose(request.values)
-        pose = cartesian.to_reference(kinematics.fk(joints, np.eye(4))).copy()
+        change, is_local = given_pose(request.values), self._is_local(request)
+        pose = kinematics.fk(joints, np.eye(4))
+        if not is_local:
+            cartesian.need_base()
+            pose = cartesian.to_reference(pose).copy()
         pose[:3, 3] += change[:3, 3]
         pose[:3, :3] = change[:3, :3] @ pose[:3, :3]
-        return cartesian.to_local(pose)
+        return pose if is_local else cartesian.to_local(pose)
 
     def _inverse(self) -> InverseSolver:
         inverse = self._control.joints.inverse
@@ -109,8 +127,8 @@ class CartesianCommands:
 
     def _servo_cp(self, request: Request) -> str:
         self.enter(request.name)
-        goal = self._pose(request.values)
-        velocity = self._control.cartesian.rates(request.values[POSE:]) if len(request.values) > POSE else None
+        goal, twist = self._pose(request), request.values[POSE:]
+        velocity = self._control.cartesian.rates(self._turned(request, twist)) if len(twist) else None
         return self._follow(request.name, goal, velocity)
 
     def _servo_cr(self, request: Request) -> str:
@@ -127,11 +145,12 @@ class CartesianCommands:
         self.enter(request.name)
         if twist and not pose:
             raise CommandRefused("a twist needs a pose")
-        force = values[POSE + TWIST : POSE + 2 * TWIST] if wrench else np.zeros(TWIST)
+        force = self._turned(request, values[POSE + TWIST : POSE + 2 * TWIST]) if wrench else np.zeros(TWIST)
         if not pose:
             return self._push_body(force, absolute=wrench)
-        velocity = self._control.cartesian.rates(values[POSE : POSE + TWIST]) if twist else None
-        text = self._follow(request.name, self._pose(values), velocity)
+        turned = self._turned(request, values[POSE : POSE + TWIST]) if twist else None
+        velocity = self._control.cartesian.rates(turned) if turned is not None else None
+        text = self._follow(request.name, self._pose(request), velocity)
         if wrench:
             _check_wrench(force)
             text = self._control.feed(force) or text
@@ -139,7 +158,7 @@ class CartesianCommands:
 
     def _move_cp(self, request: Request) -> str:
         self.enter(request.name)
-        return self._move(request, self._pose(request.values))
+        return self._move(request, self._pose(request))
 
     def _move_cr(self, request: Request) -> str:
         self.enter(request.name)
@@ -172,7 +191,7 @@ class CartesianCommands:
 
     def _body_servo_cf(self, request: Request) -> str:
         """A seventh value limits the duration, in s, if shorter than the timeout for efforts; an eighth selects the
-        axes: 1 the reference frame's, 0 the tip's.
+        axes: 1 the reference frame's, 0 the tip's. So does a frame; that of the tip, as published, leaves them as set.
         """
         self.enter(request.name)
         values, lasts_ns, absolute = request.values, FOR_EVER_NS, self._control.cartesian.absolute
@@ -182,20 +201,26 @@ class CartesianCommands:
             lasts_ns = round(values[TWIST] * 1e9)
         if len(values) > TWIST + 1:
             absolute = bool(values[TWIST + 1])
-        return self._push_body(values[:TWIST], absolute=absolute, lasts_ns=lasts_ns)
+        wrench = values[:TWIST]
+        if request.text not in ("", self._control.arm.name):
+            wrench, absolute = self._turned(request, wrench), True
+        return self._push_body(wrench, absolute=absolute, lasts_ns=lasts_ns)
 
     def _spatial_servo_cf(self, request: Request) -> str:
         self.enter(request.name)
-        _check_wrench(request.values)
-        control = self._control
-        control.push(Space.CARTESIAN).spatial(request.values, control.now_ns)
+        control, wrench = self._control, request.values
+        if request.text and not self._is_local(request):
+            control.cartesian.need_base()
+            wrench = control.cartesian.wrench_at_base(wrench)
+        _check_wrench(wrench)
+        control.push(Space.CARTESIAN).spatial(wrench, control.now_ns)
         return control.pushed()
 
     def _servo_ci(self, request: Request) -> str:
         self.enter(request.name)
         control = self._control
         control.cartesian.need_base()
-        impedance = impedance_of(request.values)
+        impedance = impedance_of(request.values, control.cartesian.base if self._is_local(request) else None)
         control.push(Space.CARTESIAN).impede(impedance, control.now_ns)
         return control.pushed()
 

@@ -62,7 +62,7 @@ class Control:
         self.reports, self.fault_report = around.reports, around.fault_report
         self.joints = joints(arm, arm.tool if arm.tool_detection == "FIXED" else None)
         self.io = ArmReadings(around.field, around.robot, around.first_axis, self.joints)
-        self.cartesian = Cartesian(around.state, self.io)
+        self.cartesian = Cartesian(around.state, self.io, arm.name)
         self.record = ArmRecord(around.state, self.io, simulated=arm.simulation != "NONE")
         self.io_requests = IoRequests(self.io, around.setpoint, around.sender, arm.robot,
                                       lambda text: self.report(codes.IO_REFUSED, text), has_brakes=around.has_brakes)

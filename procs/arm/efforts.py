@@ -60,16 +60,21 @@ class ImpedanceGains:
         return self._wrench
 
 
-def impedance_of(values: Array) -> ImpedanceGains:
+def impedance_of(values: Array, frame: Array | None = None) -> ImpedanceGains:
     """Gains from the numbers of a command; PoseError for too few numbers or an invalid quaternion.
+
+    `frame`: pose (4, 4) of the command's frame, if that is not the reference frame.
 
     Position (3), quaternion of the forces' axes (4), orientation (4), then for positive errors P x y z rx ry rz, D,
     bias, dead-band in that order, then the same for negative errors.
     """
     if len(values) != COUNT:
         raise PoseError(f"servo_ci takes {COUNT} values, {len(values)} were given")
-    return ImpedanceGains(values[:3].copy(), given_rotation(values[3:7]), given_rotation(values[7:11]),
-                          values[11:].reshape(2, KINDS, 6).copy())
+    place, axes, orientation = values[:3].copy(), given_rotation(values[3:7]), given_rotation(values[7:11])
+    if frame is not None:
+        turn = frame[:3, :3]
+        place, axes, orientation = turn @ place + frame[:3, 3], turn @ axes, turn @ orientation
+    return ImpedanceGains(place, axes, orientation, values[11:].reshape(2, KINDS, 6).copy())
 
 
 class Efforts:

@@ -26,7 +26,7 @@ class ArmRecord:
         self._valid, self._count, self._names = field("valid"), field("count"), field("names")
         self._joint_rows = contiguous_view([field(name) for name in ROWS])
         self._has_jaw, self._jaw_rows = field("has_jaw"), contiguous_view([field(name) for name in JAW_ROWS])
-        self._tool, self._frame = field("tool"), field("reference_frame")
+        self._tool = field("tool")
         self._state, self._sub_state, self._desired = field("state"), field("sub_state"), field("desired_state")
         self._is_homed, self._is_busy = field("is_homed"), field("is_busy")
         self._mode, self._space, self._generation = (
@@ -58,10 +58,6 @@ class ArmRecord:
         self._copies = [(self._joint_rows[:, :n], rows[:, :n])]
         if joints.has_jaw:  # the jaw has no setpoint velocity
             self._copies += [(self._jaw_rows[:4], rows[:4, n]), (self._jaw_rows[4:], rows[5:, n])]
-
-    def show_frame(self, name: str) -> None:
-        """Show the reference frame's name."""
-        self._frame[...] = name.encode()
 
     def show_ratios(self, motion: Motion) -> None:
         """Show the ratios of moves."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from trocar.procs.arm.commands import ArmCommandRow, Table
 from trocar.procs.arm.control import Control
-from trocar.procs.kinematics.poses import given_pose, pose_from_matrix
+from trocar.procs.kinematics.poses import Array, given_pose, pose_from_matrix
 from trocar.procs.node.requests import CommandRefused, Request, switch
 from trocar.procs.tables import codes
 
@@ -49,13 +49,27 @@ class Settings:
         control, values = self._control, request.values
         if self._base_from:
             raise CommandRefused(f"{self._base_from} gives the base frame of this arm")
-        if request.text:
-            control.record.show_frame(request.text)
-        if len(values) == 0:
-            control.set_base(None)
-            return "base frame unknown: only local poses are valid"
-        control.set_base(given_pose(values))
-        return ""
+        base = given_pose(values) if len(values) else None
+        frame = self._frame_named(request.text, base)
+        if frame != control.cartesian.frame:
+            control.cartesian.name_frame(frame)
+        control.set_base(base)
+        return "base frame unknown: only local poses are valid" if base is None else ""
+
+    def _frame_named(self, asked: str, base: Array | None) -> str:
+        """The name of the reference frame for a base (4, 4), None: unknown; by default the present one.
+
+        The frame of the base itself cannot be the reference in which that has a pose: a name stands for one frame.
+        """
+        cartesian, most = self._control.cartesian, self._control.cartesian.frame_bytes
+        is_base = base is None or np.array_equal(base, np.eye(4))
+        if len(asked.encode()) > most:
+            raise CommandRefused(f"the name of a frame has at most {most} bytes")
+        if asked == cartesian.local_frame and not is_base:
+            raise CommandRefused(f"{asked} is the arm's base itself; give the reference frame another name")
+        if not asked and cartesian.frame == cartesian.local_frame and not is_base:
+            return f"{self._control.arm.name}_reference"[:most]
+        return asked or cartesian.frame
 
     def _use_gravity_compensation(self, request: Request) -> None:
         gravity, wanted = self._control.gravity, switch(request)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, find, writer_gone
+from trocar.procs.tables.arm_types import base_name
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import local_ns, monotonic_ns
@@ -257,7 +258,7 @@ def state_as_event(system: str, state: TopicEntry) -> dict[str, Any] | None:
 def frame_name(entry: TopicEntry, ring: RingReader) -> Callable[[], str]:
     """A function for the frame of a view on `ring`: a fixed name, or that in the record last read; empty: no frame."""
     what = entry.name.removeprefix(f"{entry.instance}/")
-    base = "Cart" if entry.row >= 0 else f"{entry.instance}_base"
+    base = "Cart" if entry.row >= 0 else base_name(entry.instance)
     fixed = base if "local/" in what or what.startswith("spatial/") else entry.instance if "body/" in what else ""
     if fixed or entry.kind not in ("cp", "cv") or "reference_frame" not in (ring.dtype.names or ()):
         return lambda: fixed

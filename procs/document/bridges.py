@@ -27,6 +27,8 @@ class RosBridge:
         pattern=r"^[A-Za-z][A-Za-z0-9_/]{0,39}$|^$",
         text="in front of all names: letters, digits, _ and /, a letter first, at most 40")] = ""
     may_power: Annotated[bool, Key(text="its clients may power and home; usually on lo only", is_optional=True)] = True
+    check_names: Annotated[bool, Key(text="joint names in messages give the order; false: they are ignored")] = True
+    check_frames: Annotated[bool, Key(text="frames in headers count; false: they are ignored")] = True
     pid: Annotated[Literal["off", "ro", "rw"], Key()] = "off"  # joint controllers: ro: seen, rw: also commanded
     io: Annotated[Literal["off", "ro", "rw"], Key()] = "off"  # the same
     tf: Annotated[bool, Key()] = True

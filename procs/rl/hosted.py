@@ -21,6 +21,7 @@ from trocar.procs.kinematics.poses import Array
 from trocar.procs.rl.backend import BOARDS, RobotBackend, RobotStopped
 from trocar.procs.rl.link import ArmLink
 from trocar.procs.rl.model import ArmModel, StartPose
+from trocar.procs.tables.arm_types import base_name
 from trocar.shm.commands import became
 
 Values = Array | tuple[float, ...]
@@ -79,7 +80,7 @@ class HostedRobot(RobotBackend):
         self._document, self._pid = document, os.getpid()
         self.models: Sequence[ArmModel] = [_model(document.arm(name), jaw)
                                            for name, jaw in zip(arms, jaws, strict=True)]
-        self.frame = document.arm(arms[0]).reference_frame or f"{arms[0]}_base"
+        self.frame = document.arm(arms[0]).reference_frame or base_name(arms[0])
         self.links: Sequence[ArmLink] = ()
         self.host: Host | None = None
         self._snapshots: dict[int, HostSnapshot] = {}

@@ -1,7 +1,8 @@
 """Execution of ROS messages: each becomes a command of a person, like those of `trocar send`.
 
-The owner of the command checks it like any other: sizes, limits, jumps of streams, dead-man switches. Only `may_power`
-is checked here: if people on the network may not power or home, the bridge refuses commands that can cause either.
+The owner of the command checks it like any other: sizes, limits, jumps of streams, dead-man switches. Two things are
+checked here: `may_power` (if people on the network may not power or home, the bridge refuses commands that can cause
+either), and the names of joints, which only messages have.
 """
 
 from __future__ import annotations
@@ -17,15 +18,20 @@ from uuid import UUID
 import numpy as np
 
 from trocar.procs.crtk.held import Held, ending, presses
-from trocar.procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, no_text
+from trocar.procs.crtk.joint_order import JointNames, WrongNames, in_order
+from trocar.procs.document.bridges import RosBridge
+from trocar.procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, frame_of, no_text
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_bridge.refusals import Refusals
 from trocar.procs.ros_messages.dds import Participant, TopicReader
+from trocar.procs.ros_messages.messages import JointStates
 from trocar.shm.commands import may_power
 from trocar.shm.mailbox.client import Client, MailboxFull
+from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.memory.segment import SegmentError
 
 MAY_NOT: Final = "the ROS bridge may not power, home or release anything (trocar: {ros: {may_power: …}})"
+BY_ORDER: Final = "trocar: {ros: {check_names: false}} ignores names"
 MAX_PEERS: Final = 256
 """Maximum number of participants distinguished, and of handles kept."""
 
@@ -51,6 +57,8 @@ class AskedTopic:
     row: CommandTopic
     to: str
     fixed_text: str = ""
+    joints: JointNames | None = None
+    """Of the view beside it, for messages with joint names."""
 
 
 class PendingCommand(NamedTuple):
@@ -63,9 +71,10 @@ class PendingCommand(NamedTuple):
 class Commands:
     """All commands that ROS may give to a system."""
 
-    def __init__(self, participant: Participant, system: str, addressees: Iterable[Addressee], *, may_power: bool,
-                 refusals: Refusals) -> None:
-        self._may_power, self._say, self._system = may_power, refusals.say, system
+    def __init__(self, participant: Participant, system: str, addressees: Iterable[Addressee], bridge: RosBridge,
+                 refusals: Refusals, joints: Callable[[str], JointNames]) -> None:
+        """`joints` returns the joint names of a view, by its name."""
+        self._bridge, self._say, self._system = bridge, refusals.say, system
         self._peers, self._peer_of = itertools.count(1), lru_cache(MAX_PEERS)(self._next_peer)
         self._clients: dict[tuple[str, int], Client] = {}
         """By instance and peer; that without a peer keeps our place in the mailbox."""
@@ -77,14 +86,15 @@ class Commands:
         for to in addressees:
             self._clients[to.name, 0] = Client(system, to.name, "ros_bridge")
             for row, topic, text in topics_of(to):
-                name = ros_topic(f"{to.prefix or to.name}/{topic}")
-                reader = participant.reader(name, row.taken.message, row.depth)
-                self._asked.append(AskedTopic(reader, row, to.name, text))
+                name = f"{to.prefix or to.name}/{topic}"
+                reader = participant.reader(ros_topic(name), row.taken.message, row.depth)
+                named = joints(f"{name.rpartition('/')[0]}/measured_js") if row.taken.message is JointStates else None
+                self._asked.append(AskedTopic(reader, row, to.name, text, named))
 
     def take(self) -> list[PendingCommand]:
         """All received commands."""
         return [PendingCommand(asked.row.depth == STREAM, partial(self._carry_out, asked, message))
-                for asked in self._asked for message in asked.reader.take(self._say)]
+                for asked in self._asked for message in asked.reader.take(partial(self._say, asked.to))]
 
     def hear(self) -> None:
         """Collect the outcomes; release commands held down by nodes that have left."""
@@ -99,26 +109,39 @@ class Commands:
                 if reply.outcome != "accepted":
                     self._open[client].discard(reply.id)
                 if reply.outcome in ("refused", "failed"):
-                    self._say(f"{client.instance}: {reply.text}")
+                    self._say(client.instance, f"{client.instance}: {reply.text}")
             if not self._open[client]:
                 del self._open[client]
 
     def _carry_out(self, asked: AskedTopic, message: Any) -> None:
         row, taken, to = asked.row.row, asked.row.taken, asked.to
-        text = asked.fixed_text or taken.text(message)
-        numbers = np.asarray(taken.numbers(message), dtype=np.float64)
-        if not self._may_power and may_power(row, text, numbers):
-            self._say(f"{to} {row.name}: {MAY_NOT}")
-            return
         try:
+            if asked.joints is not None and (message.name or message.velocity):
+                arrange(message, asked.joints.now(), by_name=self._bridge.check_names)
+            text = asked.fixed_text or taken.text(message)
+            if taken.text is frame_of and text:
+                text = self._frame(row, text)
+            numbers = np.asarray(taken.numbers(message), dtype=np.float64)
+            if not self._bridge.may_power and may_power(row, text, numbers):
+                raise ValueError(MAY_NOT)
             client = self._client(to, self._peer(asked.reader, message))
             self._open.setdefault(client, set()).add(client.send(row.name, numbers, text))
             if row.ended_by and (pressed := presses(row, numbers.tolist())) is not None:
                 self._held.pop(held := ending(to, row, text), None)
                 if pressed:
                     self._held[held] = asked.reader, message.sample_info.publication_handle
+        except WrongNames as error:
+            self._say(to, f"{to}: {row.name}: {error}; {BY_ORDER}")
         except (MailboxFull, SegmentError, ValueError) as error:
-            self._say(f"{to} {row.name}: {error}")
+            self._say(to, f"{to}: {row.name}: {error}")
+
+    def _frame(self, row: CommandRow, frame: str) -> str:
+        """The frame as the command gets it; ValueError if it takes none."""
+        if not self._bridge.check_frames:
+            return ""
+        if not row.text:
+            raise ValueError(f"frame {frame}; it takes no frame; trocar: {{ros: {{check_frames: false}}}} ignores it")
+        return frame
 
     def _peer(self, reader: TopicReader[Any], message: Any) -> int:
         """Which ROS participant sent it: nodes of one process are one; 0: it has gone."""
@@ -144,6 +167,20 @@ class Commands:
         """Release the places in mailboxes."""
         for client in self._clients.values():
             client.close()
+
+
+def arrange(message: JointStates, joints: tuple[str, ...], *, by_name: bool) -> None:
+    """Put all numbers of a message in the order of `joints`; ValueError if names or numbers do not fit.
+
+    Positions with velocities must be for all joints: two lists for half of them are as many numbers as one for all.
+    """
+    if by_name and (names := message.name):
+        for part in ("position", "velocity", "effort"):
+            if numbers := getattr(message, part):
+                setattr(message, part, in_order(numbers, names, joints))
+    elif joints and message.velocity and {len(message.position), len(message.velocity)} != {len(joints)}:
+        raise ValueError(f"{len(message.position)} positions and {len(message.velocity)} velocities; "
+                         f"its joints are: {', '.join(joints)}")
 
 
 def topics_of(to: Addressee) -> list[tuple[CommandTopic, str, str]]:

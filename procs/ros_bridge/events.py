@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
 from cyclonedds.idl import IdlStruct
 
+from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.views import Stamps
 from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, OF_EVENT, stamped, time_of
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_bridge.shown import ShownTopics
 from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
-from trocar.procs.ros_messages.messages import Joy, Log, OperatingState
+from trocar.procs.ros_messages.messages import Joy, Log, OperatingState, String
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import ERROR, STATUS, WARNING
 
 PRESS: Final = b"button"
 """The event of io's digital inputs; `component` is the name of one."""
+REMEMBERED: Final = 20
 NOBODY: Final[tuple[None, list[TopicWriter[Any]]]] = (None, [])
 LEVELS: Final = {STATUS: 20, WARNING: 30, ERROR: 40}
 """Of /rosout."""
+RECENT_NS: Final = 1_000_000_000
+"""An instance that has reported a refusal itself has done so at most this long before its answer."""
 REPEAT_NS: Final = 100_000_000
 """Between two messages of an operating state: late subscribers must receive it too."""
 
@@ -58,6 +63,9 @@ class EventTopics:
         self._ring, self._name, self._rosout = ring, instance, rosout
         self._fields = {name: ring.field(name) for name in ring.dtype.names or () if name not in ("sequence",)}
         self._rows: dict[bytes, tuple[type[IdlStruct], list[TopicWriter[Any]]]] = {}
+        self._refused: list[str] = []
+        self._reported: deque[tuple[int, str]] = deque(maxlen=REMEMBERED)
+        """Its own warnings and errors, with their stamps."""
         self.state: ToldState | None = None
         for name in names:
             message, topics = EVENT_MESSAGES.get(name), shown.events(instance, name)
@@ -84,8 +92,24 @@ class EventTopics:
             self._tell(event, stamps.ns(ring.stamp_ns), now_ns)
             if event["severity"]:
                 self._log(event, stamps.ns(ring.stamp_ns))
+            if event["severity"] > STATUS:
+                self._reported.append((ring.stamp_ns, str(plain(event["text"]))))
+        if self._refused:
+            self._tell_refusals(now_ns)
         if self.state is not None and now_ns >= self.state.due_ns and self.state.is_read:
             self.state.tell(stamps.ns(now_ns), now_ns)
+
+    def refuse(self, text: str) -> None:
+        """Publish a refusal as its warning in the next `step`, unless it has reported that itself."""
+        self._refused.append(text)
+
+    def _tell_refusals(self, now_ns: int) -> None:
+        said = [text for stamp_ns, text in self._reported if now_ns - stamp_ns < RECENT_NS]
+        for refusal in self._refused:
+            if not any(refusal.startswith(text) for text in said):
+                for writer in self._rows.get(b"warning", NOBODY)[1]:
+                    writer.write(String(refusal))
+        self._refused.clear()
 
     def _tell(self, event: dict[str, Any], ros_ns: int, now_ns: int) -> None:
         what = bytes(event["event"])

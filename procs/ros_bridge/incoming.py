@@ -67,6 +67,11 @@ def no_text(message: Any) -> str:
     return ""
 
 
+def frame_of(message: Any) -> str:
+    """The frame of its numbers."""
+    return str(message.header.frame_id)
+
+
 def _followed(message: JointStates) -> Numbers:
     """Positions, and velocities where there are any."""
     return [*message.position, *message.velocity]
@@ -121,14 +126,14 @@ MESSAGES: Final = {
     "joint positions": Taken(JointStates, attrgetter("position")),
     "joint velocities": Taken(JointStates, attrgetter("velocity")),
     "joint efforts": Taken(JointStates, attrgetter("effort")),
-    "pose": Taken(PoseStamped, attrgetter(*_within("pose", POSE))),
+    "pose": Taken(PoseStamped, attrgetter(*_within("pose", POSE)), frame_of),
     "framed pose": Taken(PoseStamped, attrgetter(*_within("pose", POSE)), attrgetter("header.frame_id")),
     "quaternion": Taken(Quaternion, attrgetter(*XYZW)),
-    "wrench": Taken(WrenchStamped, attrgetter(*_within("wrench", WRENCH))),
-    "cartesian state": Taken(CartesianState, _state),
+    "wrench": Taken(WrenchStamped, attrgetter(*_within("wrench", WRENCH)), frame_of),
+    "cartesian state": Taken(CartesianState, _state, frame_of),
     "impedance": Taken(CartesianImpedance, attrgetter(
         *_within("force_position", XYZ), *_within("force_orientation", XYZW), *_within("torque_orientation", XYZW),
-        *_side("positive"), *_side("negative"))),
+        *_side("positive"), *_side("negative")), frame_of),
 }
 """Possible entries of the column `ros` of the command table."""
 

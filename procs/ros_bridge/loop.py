@@ -7,12 +7,13 @@ hangs, only its own streams end.
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 from typing import Final
 
 from trocar.procs.crtk.demand import Wanted
+from trocar.procs.crtk.joint_order import JointNames
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
-from trocar.procs.crtk.views import Stamps
+from trocar.procs.crtk.views import OpenTopic, Stamps
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.node.pacing import duration
 from trocar.procs.ros_bridge.carrying_out import Addressee, Commands
@@ -79,11 +80,12 @@ class RosLoop(UserNode):
         self._rosout = participant.writer("/rosout", Log, EVENT_DEPTH)
         self.records: list[RecordTopics] = []
         self.events: dict[str, EventTopics] = {}
+        self._entries = {entry.name: entry for entry in catalogue(self.system)}
         asked = addressees(document)
         self._publish_all(ShownTopics(document, row))
         arms = [each for each in asked if each.kind == "arm"]
-        refusals = Refusals(self._warn, self.time.now_ns)
-        self._incoming = Commands(participant, self.system, asked, may_power=row.may_power, refusals=refusals)
+        refusals = Refusals(self._refused, self.time.now_ns)
+        self._incoming = Commands(participant, self.system, asked, row, refusals, cache(self._joints))
         states = {arm.name: partial(self._state_of, arm.name) for arm in arms}
         replier = Replier(row.domain, row.interface)
         self.services = Services(participant, replier, self.system, arms, states, refusals, self.time.now_ns)
@@ -105,10 +107,14 @@ class RosLoop(UserNode):
         """Released with our place; reading does not subscribe, so on-demand processes do not start."""
         return self.own.hold(directory.reader(self.system, instance, ring))
 
+    def _joints(self, view: str) -> JointNames:
+        entry = self._entries[view]
+        return JointNames(OpenTopic(self.system, entry, self._reads(entry.instance, entry.ring)))
+
     def _publish_all(self, shown: ShownTopics) -> None:
         demand = self.own.hold(Wanted(self.system, "ros_bridge"))
         rings: dict[tuple[str, str], list[TopicEntry]] = {}
-        for entry in catalogue(self.system):
+        for entry in self._entries.values():
             if not entry.problem or entry.kind != RECORD:
                 rings.setdefault((entry.instance, entry.ring), []).append(entry)
         for (instance, ring), entries in rings.items():
@@ -139,8 +145,11 @@ class RosLoop(UserNode):
         told = self.events[arm].state
         return told.message if told is not None else OperatingState()
 
-    def _warn(self, text: str) -> None:
+    def _refused(self, to: str, text: str) -> None:
+        """Report a refusal as ours, which /rosout repeats, and on the topic of the instance that it was for."""
         self.own.events.report(codes.ROS_REFUSED, text, self.name)
+        if to in self.events:
+            self.events[to].refuse(text)
 
     def _rest(self, left_ns: int, looks: bool) -> None:
         """Execute ROS requests at once.

@@ -130,7 +130,7 @@ class Services:
             try:
                 question = service.request.deserialize(request.payload)
             except Exception as error:  # of the library: any program may write any data under our names
-                self._say(f"{request.service.name}: a request that cannot be read: {error}")
+                self._say(client.instance, f"{request.service.name}: a request that cannot be read: {error}")
                 continue
             self._ask(service, client, request, question)
 

@@ -12,8 +12,8 @@ from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
 
 OFF: Final = "off"
 READ_WRITE: Final = "rw"
-SHOWN: Final = ("arm", "suj", "teleop", "console", "focus", "system", "third_party")
-"""Kinds whose views are published; io's only on request."""
+SHOWN: Final = ("arm", "suj", "teleop", "console", "focus", "system", "third_party", "ros_bridge")
+"""Kinds whose views and events are published; io's only on request."""
 NOT_OF_ARMS: Final = frozenset(("setpoint_cv",))
 """Views that dVRK's bridge does not have."""
 PID_VIEWS: Final = frozenset(("measured_js", "setpoint_js", "error_state/measured_js"))

@@ -120,6 +120,11 @@ class ArmType:
         return "gripper" in self.views
 
 
+def base_name(arm: str) -> str:
+    """Name of the frame of an arm's base, in which its local poses are."""
+    return f"{arm}_base"
+
+
 def found(name: str) -> object:
     """The object that the table names as module:name."""
     module, _, what = name.partition(":")

@@ -144,8 +144,7 @@ HELD_UP: Final = Code(
 
 # supervisor
 PROCESS_ENDED: Final = Code(
-    "process-ended", WARNING, "supervisor", "a process ended by itself",
-    "trocar logs NAME may say why it ended")
+    "process-ended", WARNING, "supervisor", "a process ended by itself", "trocar logs NAME may say why it ended")
 PROCESS_KILLED: Final = Code(
     "process-killed", WARNING, "supervisor", "a process did not stop in time, and was killed",
     "trocar logs NAME may say why; if it was an io, the boards' watchdogs have switched its amplifiers off")
@@ -165,8 +164,7 @@ IO_TIMEOUT: Final = Code(
 IO_RESTARTED: Final = Code(
     "io-restarted", ERROR, "arm", "io was restarted", "trocar home NAME; the log of io may say why it ended")
 IO_FAULT: Final = Code(
-    "io-fault", ERROR, "arm", "io reports a fault with an unknown number",
-    "run all processes from the same version")
+    "io-fault", ERROR, "arm", "io reports a fault with an unknown number", "run all processes from the same version")
 PID_OFF: Final = Code(
     "pid-off", ERROR, "arm", "another program switched the joint controller off, or off and on again",
     "trocar home NAME; trocar logs --commands shows which program did so")
@@ -216,6 +214,9 @@ OWN_STATE: Final = Code(
 NOT_READY: Final = Code(
     "not-ready", WARNING, "arm", "a motion command or a clutch press was ignored, as the arm is not homed",
     "trocar home NAME")
+UNKNOWN_FRAME: Final = Code(
+    "unknown-frame", WARNING, "arm", "a command was given in a frame that the arm does not know",
+    "give it in the arm's reference frame or its base; ros.check_frames: false ignores frames of ROS messages")
 NOT_INSERTED: Final = Code(
     "not-inserted", WARNING, "arm", "Cartesian motion was requested before the tip was past the cannula",
     "insert the instrument or endoscope further, by hand or with move_jp")
@@ -229,8 +230,7 @@ AT_LIMIT: Final = Code(
     "at-limit", WARNING, "arm", "a requested pose is out of reach; the arm follows along its limit",
     "move the goal back")
 CLIPPED: Final = Code(
-    "clipped", WARNING, "arm", "a goal exceeds the limits of a joint; clipped",
-    "give goals within the joint limits")
+    "clipped", WARNING, "arm", "a goal exceeds the limits of a joint; clipped", "give goals within the joint limits")
 EFFORT_CLIPPED: Final = Code(
     "effort-clipped", WARNING, "arm", "requested efforts exceed the limits of motors or joints; clipped",
     "request smaller efforts")
@@ -262,8 +262,7 @@ TOOL_NOT_NAMED: Final = Code(
     "tool-not-named", WARNING, "arm", "an instrument is attached, but neither file nor memory identifies it",
     "trocar send NAME set_tool_type, without a type, lists the known types")
 ENDOSCOPE_TYPE: Final = Code(
-    "endoscope-type", ERROR, "arm", "an endoscope name is unknown",
-    "use one of the allowed names")
+    "endoscope-type", ERROR, "arm", "an endoscope name is unknown", "use one of the allowed names")
 CPU_OVERLOAD: Final = Code(
     "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs in every second or third period only",
     BUSY)

@@ -43,7 +43,7 @@ ARMS = {
 OUTPUTS = {"measured_cp": (7,), "setpoint_cp": (7,), "local_measured_cp": (7,), "local_setpoint_cp": (7,),
            "measured_cv": (6,), "setpoint_cv": (6,), "local_measured_cv": (6,), "body_measured_cf": (6,),
            "spatial_measured_cf": (6,), "jacobian": (6, 8), "spatial_jacobian": (6, 8), "base_frame": (7,),
-           "reference_valid": (), "cartesian_valid": ()}
+           "reference_valid": (), "cartesian_valid": (), "reference_frame": ()}
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -231,7 +231,7 @@ def cartesian(name: str, rows: np.ndarray, base: np.ndarray) -> tuple[Cartesian,
     chain = Kinematics(*parts(name)[1:])
     record = {key: np.full(shape, 7.0 if shape else 0.0) for key, shape in OUTPUTS.items()}
     readings: Any = SimpleNamespace(rows=rows, valid=True, changed=True)
-    made = Cartesian(record.__getitem__, readings)
+    made = Cartesian(record.__getitem__, readings, "PSM1")
     joints: Any = SimpleNamespace(kinematics=chain, count=chain.n, free=BENDS if chain.n == len(BENDS) else None)
     made.use(joints)
     made.set_base(base)

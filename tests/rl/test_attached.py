@@ -90,17 +90,19 @@ def test_after_a_fault_it_waits_for_a_person_to_make_it_anew(system: Callable[..
 
 
 def test_a_base_that_is_moved_ends_it_before_the_arm_jumps(psm: Host) -> None:
+    person, state = psm.client("PSM1"), psm.reader("PSM1")
+    person.send("set_base_frame", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), "table")
+    psm.run(0.01)
     env = made(psm)
     env.reset()
     env.step(np.ones(7))
-    person, state = psm.client("PSM1"), psm.reader("PSM1")
     assert state.newest()
     before = state.field("setpoint_position").copy()
-    person.send("set_base_frame", (0.0, 0.0, 0.0005, 0.0, 0.0, 0.0, 1.0), "PSM1_base")
+    person.send("set_base_frame", (0.0, 0.0, 0.0005, 0.0, 0.0, 0.0, 1.0), "table")
     psm.run(0.01)
     assert not (seen := env.step(np.zeros(7)))[2], seen[4]
     assert state.newest() and np.abs(state.field("setpoint_position") - before).max() < 1e-3
-    person.send("set_base_frame", (0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 1.0), "PSM1_base")
+    person.send("set_base_frame", (0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 1.0), "table")
     psm.run(0.01)
     is_over(env, "the base of PSM1 has moved since the environment was made")
     assert state.newest() and np.abs(state.field("setpoint_position") - before).max() < 1e-3

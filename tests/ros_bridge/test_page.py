@@ -21,7 +21,7 @@ from trocar.procs.supervisor import memory
 FOCUS = [{"name": f"endoscope_focus_{way}", "board_id": 0, "bit_id": bit, "is_PWM": False}
          for bit, way in enumerate(("in", "out"))]
 HEADINGS = {"arm": "an arm", "teleop": "a teleoperation", "console": "a console", "system": "`system`",
-            "focus": "the focus"}
+            "focus": "the focus", "ros_bridge": "`ros_bridge`"}
 
 
 def made(file: str, folder: Path, name: str) -> SystemConfig:

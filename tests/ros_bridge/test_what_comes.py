@@ -15,6 +15,7 @@ from cyclonedds.core import DDSException
 from tests.conftest import World
 from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.views import Stamps
+from trocar.procs.document.bridges import RosBridge
 from trocar.procs.ros_bridge import carrying_out
 from trocar.procs.ros_bridge.events import REPEAT_NS, ToldState
 from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS
@@ -79,16 +80,16 @@ def test_a_message_that_is_too_large_goes_nowhere(participant: Participant) -> N
 
 
 def test_a_refusal_is_told_once_a_second_and_few_are_remembered() -> None:
-    told: list[str] = []
+    told: list[tuple[str, str]] = []
     now = 0
-    refusals = Refusals(told.append, lambda: now)
+    refusals = Refusals(lambda *said: told.append(said), lambda: now)
     for _ in range(10):
-        refusals.say("no")
+        refusals.say("PSM1", "no")
     now += SILENT_NS
-    refusals.say("no")
-    assert told == ["no", "no"]
+    refusals.say("PSM1", "no")
+    assert told == [("PSM1", "no")] * 2
     for k in range(3 * KEPT):
-        refusals.say(str(k))
+        refusals.say("PSM1", str(k))
     assert len(refusals._silent_until) <= KEPT and len(told) == 2 + 3 * KEPT
 
 
@@ -152,8 +153,9 @@ def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.Mo
     monkeypatch.setattr(carrying_out, "Client", FakeRosClient)
     writers, readers = {5, 6}, dict[str, FakeReader]()
     node: Any = SimpleNamespace(reader=lambda name, *_: readers.setdefault(name, FakeReader(name, writers)))
-    commands = carrying_out.Commands(node, "x", [carrying_out.Addressee("console", "console")], may_power=True,
-                                     refusals=Refusals(lambda text: None, lambda: 0))
+    absent: Any = None
+    commands = carrying_out.Commands(node, "x", [carrying_out.Addressee("console", "console")], RosBridge(),
+                                     Refusals(lambda to, text: None, lambda: 0), joints=lambda view: absent)
 
     def say(name: str, pressed: int | None, handle: int) -> None:
         message = Joy(buttons=[] if pressed is None else [pressed])

@@ -13,7 +13,7 @@ import pytest
 from tests.conftest import World
 from trocar.procs.crtk.calls import Calls, CommandOwner
 from trocar.procs.crtk.messages import WrongMessage
-from trocar.procs.document.bridges import Rights
+from trocar.procs.document.bridges import Rights, RosBridge
 from trocar.procs.gui.browsers import Browsers, ConsoleService
 from trocar.procs.ros_bridge.carrying_out import Addressee, AskedTopic, Commands
 from trocar.procs.ros_bridge.incoming import CommandTopic, Taken
@@ -153,8 +153,10 @@ def test_ros_lets_through_what_it_may_power(world: World, kind: str, box: Mailbo
     participant: Any = SimpleNamespace(reader=lambda *_: SimpleNamespace(writer=lambda handle: writer))
     message = SimpleNamespace(sample_info=SimpleNamespace(publication_handle=1))
     said: list[str] = []
-    refusals: Any = SimpleNamespace(say=said.append)
-    commands = Commands(participant, world.name, [Addressee(OWNER, kind)], may_power=may_power, refusals=refusals)
+    refusals: Any = SimpleNamespace(say=lambda to, text: said.append(to))
+    absent: Any = None
+    commands = Commands(participant, world.name, [Addressee(OWNER, kind)], RosBridge(may_power=may_power), refusals,
+                        joints=lambda view: absent)
     for row, text, values in cases(kind):
         if row.ros is None:
             continue

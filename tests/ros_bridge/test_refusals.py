@@ -1,0 +1,50 @@
+"""Who sends a message over ROS learns there why it was refused, whether the bridge or the component refuses it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.ros_bridge.hosted_bridge import HostedBridge, bridged
+from trocar.procs.ros_messages.messages import Float64, JointStates, PoseStamped, StringStamped
+
+
+@pytest.fixture(scope="module")
+def bridge() -> Iterator[HostedBridge]:
+    with bridged(sets=("ros.may_power=false",)) as made:
+        yield made
+
+
+REFUSED: dict[str, tuple[str, Any]] = {
+    "too few joints": ("PSM1/move_jp", JointStates(position=[0.1])),
+    "not finite": ("PSM1/move_jp", JointStates(position=[math.nan] * 6)),
+    "without a quaternion": ("PSM1/servo_cp", PoseStamped()),
+    "out of bounds": ("PSM1/trajectory_j/set_ratio", Float64(2.0)),
+    "by the bridge itself": ("PSM1/state_command", StringStamped(string="home")),
+    "too long a text": ("PSM1/state_command", StringStamped(string="x" * 100)),
+    "reported by the arm as well": ("PSM1/servo_jp", JointStates(position=[1.0, 1.0, 0.1, 0.0, 0.0, 0.0])),
+    "for the system": ("system/set_volume", Float64(math.nan)),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_refusal_is_published_once_by_the_component_that_the_message_was_for(bridge: HostedBridge, case: str) -> None:
+    topic, message = REFUSED[case]
+    component, _, command = topic.partition("/")
+    heard = bridge.refused(topic, message, component, "ros_bridge")
+    own = [text for text in heard[component] if text.startswith(component)]  # `system` repeats those of others
+    assert len([text for text in own if command in text]) == 1, heard
+    assert len([text for text in heard["ros_bridge"] if command in text and component in text]) == 1, heard
+    assert any(command in text for text in heard["/rosout"])
+
+
+def test_the_same_refusal_is_published_once_a_second(bridge: HostedBridge) -> None:
+    message = JointStates(position=[0.1])
+    bridge.refused("PSM1/servo_jp", message, "PSM1")
+    for _ in range(5):
+        bridge.tell("PSM1/servo_jp", message, 0.05)
+    assert not [text for text in bridge.warned("PSM1") if "servo_jp" in text]
+
