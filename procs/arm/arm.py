@@ -102,6 +102,9 @@ class ArmLogic:
     def unhome(self) -> None:
         """Discard the results of homing."""
 
+    def report_attached(self) -> None:
+        """Called at the end of each homing: report what the arm carries."""
+
     def safe(self, at: Array) -> str:
         """Why Cartesian control may not begin at joints (size,); "": it may."""
         return ""

@@ -42,6 +42,10 @@ class EcmLogic(ArmLogic):
     def guard(self, found: Array, seed: Array) -> None:
         found[INSERTION] = max(found[INSERTION], MIN_INSERTION)
 
+    def report_attached(self) -> None:
+        if self.control.arm.endoscope:
+            self.control.reports.emit("endoscope_type", self.control.arm.endoscope)
+
     def _set_endoscope_type(self, request: Request) -> None:
         control, name = self.control, request.text.strip()
         if self.machine.moving or self.state is ArmState.HOMING or control.motion.mode is Mode.EFFORT:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -182,6 +183,21 @@ def test_homing_inserts_the_instrument_in_the_time_of_the_reference() -> None:
     assert [s for i, s in enumerate(states) if i == 0 or s != states[i - 1]] == [
         "DISABLED", "POWERING", "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "HOMING", "HOMED"]
     assert not pair.reports.of("error", "warning")
+
+
+@pytest.mark.parametrize(("pair", "event", "attached"), [
+    (lambda: KinematicPair(), "tool_type", "LARGE_NEEDLE_DRIVER:400006"),
+    (lambda: KinematicPair("kinematic-ecm", EcmLogic), "endoscope_type", "Classic_SD_STRAIGHT")])
+def test_each_homing_reports_what_the_arm_carries(pair: Callable[[], KinematicPair], event: str, attached: str) -> None:
+    arm = pair().homed()
+    for _ in range(2):
+        kinds = [each[0] for each in arm.reports.events]
+        homed = arm.reports.events.index(next(each for each in arm.reports.of("operating_state") if each[2] == "HOMED"))
+        assert event in kinds[homed:], "a client that waits from the moment on when it is homed hears it"
+        assert arm.reports.of(event)[-1][1].startswith(attached)
+        arm.ask("state_command", text="unhome")
+        arm.reports.events.clear()
+        arm.homed()
 
 
 @pytest.mark.slow

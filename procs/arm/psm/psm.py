@@ -99,6 +99,10 @@ class PsmLogic(ArmLogic):
             return here
         return super().home()
 
+    def report_attached(self) -> None:
+        if self.tool.present and self.detection.tool is not None:
+            self.control.reports.emit("tool_type", full_name(self.detection.tool))
+
     def is_ready(self) -> bool:
         return self.adapter.is_settled and self.tool.is_settled
 

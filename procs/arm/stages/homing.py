@@ -132,5 +132,6 @@ class Homing(Driving):
         short = control.short()
         if not short:
             control.machine.fire(ArmEvent.ARRIVED)
+            self.arm.report_attached()
         elif control.now_ns >= motion.end_ns + SETTLE_NS:
             self.fail(codes.HOMING_TIMEOUT, f"unable to reach home position during calibration on pots: {short}")
