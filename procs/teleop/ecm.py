@@ -143,12 +143,15 @@ class TeleopEcm(Teleop):
 
     # the clutch
 
+    def set_clutch(self, pressed: bool) -> None:
+        """See Teleop; while DISABLED, the clutch belongs to the PSM teleoperations of the same masters."""
+        if self.is_idle:
+            self.clutched = pressed
+        else:
+            super().set_clutch(pressed)
+
     def press(self) -> None:
         self._free_masters()
-
-    def release(self) -> None:
-        for master in self.masters:
-            master.leave()
 
     def rescale(self, scale: float) -> None:
         self.camera.scale = scale

@@ -94,6 +94,22 @@ def test_the_clutch_begins_from_a_new_place(harness: EcmHarness) -> None:
     assert harness.slave.asked("servo_jp")[-1][1] == pytest.approx((0, 0, 0.12, 0), abs=1e-9)
 
 
+def test_a_disabled_one_is_silent_on_the_clutch(harness: EcmHarness) -> None:
+    harness.state_command("disable")
+    harness.run(0.005)
+    harness.forget()
+    harness.reports.reported.clear()
+    for pressed in (1, 0, 2, 0):
+        harness.send("clutch", pressed)
+        harness.run(0.01)
+    assert not harness.reports.reported and not harness.text("reason")
+    assert not any(arm.sent for arm in harness.arms.values())
+    harness.send("clutch", 1)
+    harness.state_command("enable")
+    harness.run(0.005)
+    assert harness.text("state") == "ENABLED" and not harness.following, "it knows that the clutch is pressed"
+
+
 def test_another_scale_moves_nothing(harness: EcmHarness) -> None:
     harness.lead(0.0, 0, 0.05)
     before = harness.slave.asked("servo_jp")[-1][1]
