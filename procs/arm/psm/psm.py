@@ -161,9 +161,10 @@ class PsmLogic(ArmLogic):
             return None
         if self.tool.fit is AttachmentState.NEW and not kinematic:
             discs = self.joints.to_actuator @ self.io.setpoint
-            if not self.cannula.is_beyond(self.detection.joints, self.detection.tool, discs):
+            beyond = self.cannula.beyond(self.detection.joints, self.detection.tool, discs)
+            if not beyond:
                 return ArmEvent.TOOL
-            self.control.status("tool tip is outside the cannula, assuming it doesn't need to engage")
+            self.control.status(f"tool tip is outside the cannula, assuming it doesn't need to engage: {beyond}")
         self._carry()
         return None
 
