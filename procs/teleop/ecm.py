@@ -22,7 +22,7 @@ JOINTS: Final = 4
 WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when this process does
 IN_REFERENCE_FRAME: Final = 1.0
 MAX_STEP: Final = 0.1  # rad, m: no hands move a camera further in a cycle, but crossing hands turn it over
-LEAST_APART: Final = 0.5 * APART  # m, while following: the masters' forces keep their distance
+MIN_APART: Final = 0.5 * APART  # m, while following: the masters' forces keep their distance
 NEW_TURN: Final = 1e-3  # rad, m: masters are turned again when a joint of the camera has moved by this much
 
 
@@ -116,7 +116,7 @@ class TeleopEcm(Teleop):
         if self.slave.refuses_goals:  # the ECM holds, and will not catch up
             self._was_refused = True
             self._begin_here()
-        close = too_close(left.measured[:3], right.measured[:3], LEAST_APART)
+        close = too_close(left.measured[:3], right.measured[:3], MIN_APART)
         if close:
             self.stop(codes.CAMERA_JUMP, close)
             return
