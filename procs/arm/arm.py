@@ -192,7 +192,7 @@ class ArmLogic:
                 control.guard.step(io.position, io.velocity, motion)
         control.gravity.step(io.position, io.velocity, io.valid and self.bears_weight(), now_ns)
         control.io_requests.step(now_ns)
-        machine.settle(self._is_off())
+        machine.settle(is_power_off=self._is_off())
         control.setpoint.show(motion, control.gravity.effort, io.position, control.driving)
         self._show()
 

@@ -115,7 +115,7 @@ class ArmCommands:
         if control.machine.state is ArmState.HOMED and silent_ns <= self._timeout_ns:
             return
         self._streamed_ns = 0
-        if control.machine.state is not ArmState.HOMED:
-            return  # already stopped
+        if control.machine.state is not ArmState.HOMED or control.motion.moving:
+            return  # already stopped; or the client's jaw stream ran beside a move, and the jaw stays at its last goal
         control.stop(control.here, Mode.POSITION, "its client is silent")
         control.report(codes.CLIENT_TIMEOUT, f"no servo command for {silent_ns * 1e-9:.3f} s; holding")

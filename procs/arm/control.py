@@ -143,6 +143,8 @@ class Control:
     def take_goal(self) -> Array:
         """`goal` := the target of all joints; a servo command then changes its own part."""
         self.goal[...] = self.motion.target if self.motion.mode is Mode.POSITION else self.here
+        if self.motion.jaw_streams:
+            self.goal[-1] = self.motion.target[-1]
         return self.goal
 
     @property
@@ -200,7 +202,9 @@ class Control:
 
     @property
     def _is_streaming(self) -> bool:
-        return self.motion.mode is Mode.POSITION and self.streams.is_running(self.now_ns)
+        motion, asking = self.motion, self.streams.asking
+        is_jaw = motion.jaw_streams and asking is not None and asking.kind is StreamKind.JAW
+        return (is_jaw or motion.mode is Mode.POSITION) and self.streams.is_running(self.now_ns)
 
     def jump(self, name: str, why: str, remedy: str) -> CommandRefused:
         """The exception for a goal of a stream of commands `name` that is too far away; a running stream ends."""
@@ -234,7 +238,10 @@ class Control:
         self._hold(why)
 
     def _hold(self, why: str) -> None:
-        self.stop(self.here, Mode.POSITION, why)
+        if self.motion.jaw_streams:
+            self.motion.adjust(self.here, moves=True)  # only the jaw holds
+        else:
+            self.stop(self.here, Mode.POSITION, why)
         self.status(f"stream ended: {why}")
 
     def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
@@ -274,12 +281,16 @@ class Control:
         return feed
 
     def adjust(self, name: str) -> str:
-        """Follow `goal`, from a stream of commands `name` that changed only the jaw."""
+        """Follow `goal`, from a stream of commands `name` that changed only the jaw; a move of the arm continues."""
         outside = self._take_goal(name)
         text = self._say_clipped(outside)
         self._end_efforts()
-        self.motion.adjust(self.goal)
-        self.move_ended(False, "replaced by a servo command")
+        moves = MOVE in self._moves
+        self.motion.adjust(self.goal, moves=moves)
+        if moves:
+            self._replace(JAW_MOVE, "replaced by a servo command")
+        else:
+            self.move_ended(False, "replaced by a servo command")
         return text
 
     def push(self, space: Space, which: NDArray[np.bool_] | None = None) -> Efforts:
@@ -330,23 +341,32 @@ class Control:
         asked = self.goal.copy()
         outside = self._clip()
         text = self._say_clipped(outside, asked)
-        reason = self.motion.move(self.goal, self.io.velocity, self.now_ns)
+        reason = self.motion.move(self.goal, self.io.velocity, self.now_ns, jaw=what == JAW_MOVE)
         if reason:
             raise CommandRefused(reason)
         self.motion.space = space
-        replaced, _ = self._moves.pop(what, (None, ""))
-        if replaced is not None:
-            replaced.fail(f"replaced by a newer {what}")
+        self._replace(what, f"replaced by a newer {what}")
         self._moves[what] = request, text
         request.accept(text)
         self.machine.moving = True
         self.machine.publish()
         return ANSWERED
 
+    def _replace(self, what: str, reason: str) -> None:
+        """Answer a move in progress that another command replaces."""
+        replaced, _ = self._moves.pop(what, (None, ""))
+        if replaced is not None:
+            replaced.fail(reason)
+
     def short(self) -> str:
         """After the trajectory of a move: joints that have not arrived at their goals, and by how much; "": all have.
+
+        The jaw counts in its own moves only.
         """
-        return self.joints.short(self.motion.goal, self.io.position)
+        goal = self.motion.goal
+        if MOVE in self._moves and JAW_MOVE not in self._moves and self.joints.has_jaw:
+            goal = np.append(goal[:-1], self.io.position[-1])
+        return self.joints.short(goal, self.io.position)
 
     def watch_move(self) -> None:
         """Once a cycle: a move ends when all joints have arrived, or ARRIVE_NS after its trajectory."""

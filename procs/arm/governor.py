@@ -21,6 +21,7 @@ For a target that is not a number, the joint stops.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import Final, Protocol
 
 import numpy as np
@@ -34,6 +35,10 @@ MAX_LAG_S: Final = 0.1
 LATE_S: Final = 0.02
 """A stream is reported as limited if its last goal is still this far away when the next one comes."""
 MAX_STEP_NS: Final = 5_000_000  # after a pause of this process a setpoint continues from its place, without catching up
+
+JOINT_ROWS: Final = ("goal", "target", "asked", "velocity", "feed", "speed", "acceleration", "lower", "upper", "rate",
+                     "behind")
+"""The arrays (size,) of a governor."""
 
 
 class Governed(Protocol):
@@ -65,6 +70,15 @@ class Governor:
         self.clip: Callable[[Array], str] | None = None
         self.clipped = ""
         self._advance, self._measure = chosen(GOVERNOR, self)
+
+    def of_last(self) -> Governor:
+        """The last joint's part of this governor, on the same arrays, without walls."""
+        part = copy(self)
+        for name in JOINT_ROWS:
+            setattr(part, name, getattr(self, name)[-1:])
+        part.size, part.clip = 1, None
+        part._advance, part._measure = chosen(GOVERNOR, part)
+        return part
 
     def start(self, rate: Array | float) -> None:
         """Start from rest, or at the speed of the motion that ends."""

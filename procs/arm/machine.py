@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
+from typing import Final
 
 from trocar.procs.arm.states import (
     BEYOND,
@@ -15,12 +16,16 @@ from trocar.procs.arm.states import (
     ArmEvent,
     ArmState,
     follow,
+    is_enabling,
     refusal,
 )
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
 from trocar.shm.system.events import Events
+
+LEADS_TO: Final = {ArmEvent.HOME: ArmEvent.ENABLE}
+"""A command that lets an earlier one finish first, and then goes further; any other new command ends earlier ones."""
 
 
 class ArmStates:
@@ -40,9 +45,8 @@ class ArmStates:
         self.reason = self.fault_text = ""
         self.moving = False
         self._desired_before = ArmState.ENABLED
-        self._pending: list[Request] = []
-        """State commands in progress: all request `_asked`."""
-        self._asked = ArmEvent.DISABLE
+        self._pending: list[tuple[ArmEvent, Request]] = []
+        """State commands in progress."""
 
     @property
     def is_busy(self) -> bool:
@@ -107,7 +111,7 @@ class ArmStates:
     def command(self, request: Request, objection: str) -> bool:
         """A state_command; `objection` refuses it although the table allows it. Returns whether it is accepted."""
         word = request.text.strip()
-        reason = refusal(self.state, word)
+        reason = refusal(self.state, self.desired, word)
         if not reason and word in (ArmEvent.ENABLE, ArmEvent.HOME):
             reason = objection
         if reason:
@@ -116,26 +120,23 @@ class ArmStates:
             self.publish()
             return False
         event = next(e for e in COMMANDS if e == word)
-        if event is not self._asked:
-            self._answer_pending(f"{event} was requested")
+        self.settle(is_power_off=False)  # what an earlier one of this cycle asks for may be reached already
+        self._answer_pending(f"{event} was requested", spared=(event, LEADS_TO.get(event)))
         request.accept()
-        self._pending.append(request)
-        self._asked = event
+        self._pending.append((event, request))
         self.publish()
         self._desire(event)
         self.fire(event)
         self.publish()
         return True
 
-    def settle(self, is_power_off: bool) -> None:
+    def settle(self, *, is_power_off: bool) -> None:
         """Answer the state commands in progress when they have ended."""
-        if not self._pending:
-            return
-        if self._is_done(self._asked, is_power_off):
-            for request in self._pending:
-                request.done(self.state)
-            self._pending.clear()
-        elif self.state is ArmState.FAULT:
+        done = [each for each in self._pending if self._is_done(each[0], is_power_off)]
+        for each in done:
+            self._pending.remove(each)
+            each[1].done(self.state)
+        if self._pending and self.state is ArmState.FAULT:
             self._answer_pending(self.reason)
 
     def _is_done(self, event: ArmEvent, is_power_off: bool) -> bool:
@@ -151,10 +152,11 @@ class ArmStates:
             case _:
                 return True
 
-    def _answer_pending(self, reason: str) -> None:
-        for request in self._pending:
-            request.fail(reason)
-        self._pending.clear()
+    def _answer_pending(self, reason: str, spared: Container[ArmEvent | None] = ()) -> None:
+        for event, request in self._pending:
+            if event not in spared:
+                request.fail(reason)
+        self._pending = [each for each in self._pending if each[0] in spared]
 
     def _desire(self, event: ArmEvent) -> None:
         published = PUBLISHED[self.state]
@@ -163,6 +165,8 @@ class ArmStates:
         elif event is ArmEvent.UNHOME and published != "ENABLED":
             if self.state is ArmState.PAUSED:
                 self.paused = self._desired_before = ArmState.ENABLED
+            elif is_enabling(self.state, self.desired):
+                self.desired = ArmState.ENABLED
         elif event is ArmEvent.PAUSE:
             if self.state is not ArmState.PAUSED:
                 self._desired_before, self.desired = self.desired, ArmState.PAUSED

@@ -2,7 +2,8 @@
 
 io receives `goal`: for a stream, the governor's output for its target in this cycle; for a move, the point of its
 trajectory. Vectors are (size,) in the joint space of `joints.py`, jaw last; time is the `now_ns` argument. A move of
-the arm and one of the jaw share one trajectory: a new goal for one of them leaves the other's goal unchanged.
+the arm and one of the jaw share one trajectory: a new goal for one of them leaves the other's goal unchanged. A stream
+of the jaw beside a move of the arm has the jaw's part of the governor.
 """
 
 from __future__ import annotations
@@ -58,6 +59,8 @@ class Motion:
         """Its target moves at `feed_velocity`."""
         self.settled = True
         """The setpoint is at its target."""
+        self.jaw_streams = False
+        """While the others move, the jaw follows its target."""
         self._stepped_ns = 0
         self.use(joints)
 
@@ -69,6 +72,7 @@ class Motion:
         self.goal, self.velocity = self.rows
         self.effort, self.target, self.asked, self.feed_velocity = np.zeros((4, n))
         self.governor = Governor(self, joints.servo_speed, joints.servo_acceleration, joints.lower, joints.upper)
+        self._jaw_governor = self.governor.of_last()
         self.feed = np.zeros(n)
         """Efforts added to position control, until `feed_end_ns`."""
         self.feed_end_ns = FOR_EVER_NS
@@ -118,8 +122,14 @@ class Motion:
         self.drifting = self.has_velocity = True
         self._served_ns = now_ns
 
-    def adjust(self, position: Array) -> None:
-        """Follow `position` for some joints: a stream for the others continues, with its velocities."""
+    def adjust(self, position: Array, *, moves: bool) -> None:
+        """Follow `position` with the jaw: a stream of the others continues, with its velocities, and if it `moves`, a
+        move.
+        """
+        if moves and self.moving:
+            self.jaw_streams = True
+            self.target[-1] = position[-1]
+            return
         if self.mode is not Mode.POSITION:
             self._enter(Mode.POSITION)
         self.target[...] = position
@@ -135,16 +145,19 @@ class Motion:
         self.feed[...] = feed
         self.feed_end_ns = end_ns
 
-    def move(self, target: Array, measured_velocity: Array, now_ns: int) -> str:
+    def move(self, target: Array, measured_velocity: Array, now_ns: int, *, jaw: bool = True) -> str:
         """Move to `target` and stop there, starting from the present setpoint; a running move is redirected smoothly.
 
-        Returns the reason for a refusal, empty when the move is in progress; on a refusal nothing changes.
+        Without `jaw`, a jaw that follows a stream continues. Returns the reason for a refusal, empty when the move is
+        in progress; on a refusal nothing changes.
         """
         if self.moving:
             self._evaluate(now_ns)
-            reason = self._plan(target, now_ns)
+            streams = self.jaw_streams and not jaw
+            reason = self._plan(target, now_ns, streams)
             if not reason:
                 self.target[...] = target
+                self.jaw_streams = streams
             return reason
         self._trajectory.forget()
         if self.mode is Mode.POSITION and now_ns - self._served_ns < STREAM_NS:
@@ -154,13 +167,14 @@ class Motion:
             self._bound_start()
         else:
             self.velocity[...] = 0.0
-        reason = self._plan(target, now_ns)
+        streams = not jaw and self.mode is Mode.POSITION and self.goal[-1] != target[-1]
+        reason = self._plan(target, now_ns, streams)
         if not reason:
             self.target[...] = target
             self.mode = Mode.TRAJECTORY
             self.in_effort[...] = False
             self.drifting = False
-            self.moving = True
+            self.moving, self.jaw_streams = True, streams
         return reason
 
     def _bound_start(self) -> None:
@@ -180,7 +194,7 @@ class Motion:
         self.goal[...] = position
         self.velocity[...] = 0.0
         self._trajectory.forget()
-        if not self._plan(self.target, now_ns):
+        if not self._plan(self.target, now_ns, self.jaw_streams):
             return True
         self.hold(position)
         return False
@@ -190,12 +204,14 @@ class Motion:
         self.ratio_v, self.ratio_a = v, a
         if self.moving:
             self._evaluate(now_ns)
-            self._plan(self.target, now_ns)  # should it fail, the move continues unchanged
+            self._plan(self.target, now_ns, self.jaw_streams)  # should it fail, the move continues unchanged
 
     def step(self, now_ns: int) -> None:
         """Advance to `now_ns`."""
         passed_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
         if self.moving:
+            if self.jaw_streams:
+                self._jaw_governor.step(passed_ns, has_feed=False)
             self._advance(now_ns)
             return
         if self.has_velocity and now_ns - self._served_ns >= STREAM_NS:
@@ -222,11 +238,16 @@ class Motion:
     def _advance(self, now_ns: int) -> None:
         if now_ns < self.end_ns:
             self._evaluate(now_ns)
-            return
-        self.goal[...] = self.target
-        self.velocity[...] = 0.0
-        self.has_velocity = False
-        self.moving = False
+        elif self.jaw_streams:
+            self.goal[:-1] = self.target[:-1]
+            self.velocity[:-1] = 0.0
+            self._enter(Mode.POSITION)
+            self.settled = False
+        else:
+            self.goal[...] = self.target
+            self.velocity[...] = 0.0
+            self.has_velocity = False
+            self.moving = False
 
     def _enter(self, mode: Mode) -> None:
         if mode is self.mode is Mode.POSITION:  # the next goal of a stream
@@ -240,7 +261,7 @@ class Motion:
         if mode is not self.mode:
             self._served_ns = -STREAM_NS
             self.governor.start(self.velocity if self.moving else 0.0)
-        self.moving = False
+        self.moving = self.jaw_streams = False
         self.mode = mode
         self.has_velocity = False
         self.velocity[...] = 0.0
@@ -255,12 +276,21 @@ class Motion:
         self.feed_end_ns = FOR_EVER_NS
 
     def _evaluate(self, now_ns: int) -> None:
+        jaw = self.goal[-1]
         self._trajectory.evaluate((now_ns - self._start_ns) * 1e-9, self.goal, self.velocity)
+        if self.jaw_streams:
+            self.goal[-1], self.velocity[-1] = jaw, self.governor.rate[-1]
+        else:
+            self.governor.rate[-1] = self.velocity[-1]  # from where a stream of the jaw begins
 
-    def _plan(self, target: Array, now_ns: int) -> str:
+    def _plan(self, target: Array, now_ns: int, jaw_streams: bool) -> str:
         v_max, a_max = self._v_max * self.ratio_v, self._a_max * self.ratio_a
+        velocity = self.velocity
+        if jaw_streams:  # it does not belong to the trajectory, so it must not make it longer
+            target, velocity = target.copy(), velocity.copy()
+            target[-1], velocity[-1] = self.goal[-1], 0.0
         # the trajectory's own time begins at 0: whole monotonic seconds would cost it digits
-        error = self._trajectory.start(self.goal, self.velocity, target, v_max, a_max, 0.0)
+        error = self._trajectory.start(self.goal, velocity, target, v_max, a_max, 0.0)
         if error is not None:
             return error.value
         self._start_ns = now_ns

@@ -16,7 +16,7 @@ import numpy as np
 
 from trocar.procs.arm.control import Control
 from trocar.procs.kinematics.inverse.solver import InverseSolver
-from trocar.procs.kinematics.poses import Array
+from trocar.procs.kinematics.poses import Array, rotation_vector
 from trocar.procs.node.requests import CommandRefused
 
 Guard = Callable[[Array, Array], None]
@@ -40,7 +40,7 @@ class Reach:
         self._served_ns = -BREAK_NS
         self._is_limited = False
         self._kept: Array = np.zeros(0)  # the joints after the last limited goal
-        self._wanted: Array = np.zeros(3)  # the tip position in that goal, m
+        self._wanted: Array = np.eye(4)  # that goal
 
     def find(self, name: str, inverse: InverseSolver, goal: Array, at: Array) -> tuple[Array, str]:
         """Joints (count,) for a goal (4, 4) in the arm's base, from the present `at`; and why they differ from the
@@ -56,11 +56,10 @@ class Reach:
         self._served_ns = self._control.now_ns
         found, why = inverse.q, self._unreachable(inverse, goal, at)
         if why:
-            before = self._wanted if self._is_limited else inverse.kinematics.fk(at, np.eye(4))[:3, 3]
-            far = float(np.linalg.norm(goal[:3, 3] - before))
-            if far > FURTHEST:
-                raise self._control.jump(name, f"{why}, and the tip is asked to go {far * 1e3:.0f} mm at once; "
-                                               f"{FURTHEST * 1e3:.0f} mm is allowed", "begin at the tip (setpoint_cp)")
+            far = _far(self._wanted if self._is_limited else inverse.kinematics.fk(at, np.eye(4)), goal)
+            if far:
+                raise self._control.jump(name, f"{why}, and the tip is asked to {far}",
+                                         "begin at the tip (setpoint_cp)")
             self._is_limited = True
             inverse.approach(goal, at, self._most(len(at), passed_ns))
         why = self._keep_safe(found, at) or why
@@ -72,7 +71,7 @@ class Reach:
         if too_far > 1.0:
             found[...] = at + change / too_far
         if self._is_limited:
-            self._kept, self._wanted = found.copy(), goal[:3, 3].copy()
+            self._kept, self._wanted = found.copy(), goal.copy()
         return found, why or ("on the way back from there" if self._is_limited else "")
 
     def _is_left_at(self, at: Array) -> bool:
@@ -104,3 +103,14 @@ class Reach:
             found[...] = at
             return str(reason)
         return "" if found.tobytes() == wanted else "it would bend in the cannula"
+
+
+def _far(before: Array, goal: Array) -> str:
+    """How much too far it is from one pose (4, 4) to another; "": it is not."""
+    way = float(np.linalg.norm(goal[:3, 3] - before[:3, 3]))
+    if way > FURTHEST:
+        return f"go {way * 1e3:.0f} mm at once; {FURTHEST * 1e3:.0f} mm is allowed"
+    turn = float(np.linalg.norm(rotation_vector(before[:3, :3].T @ goal[:3, :3])))
+    if turn > FURTHEST_TURN:
+        return f"turn by {math.degrees(turn):.0f}° at once; {math.degrees(FURTHEST_TURN):.0f}° is allowed"
+    return ""

@@ -128,6 +128,9 @@ ACCEPTED: dict[str, tuple[ArmEvent, ...]] = {
     "FAULT": (ArmEvent.ENABLE, ArmEvent.DISABLE, ArmEvent.UNHOME),
 }
 
+# The same for an arm on its way to power, which is published as DISABLED: `home` then follows the `enable` under way.
+ACCEPTED_ENABLING: tuple[ArmEvent, ...] = (*ACCEPTED["DISABLED"], ArmEvent.HOME)
+
 # The desired state of each command; resume goes back to the one before the pause.
 DESIRES: dict[ArmEvent, ArmState] = {
     ArmEvent.ENABLE: ArmState.ENABLED,
@@ -150,12 +153,17 @@ def follow(state: ArmState, event: ArmEvent) -> ArmState:
     return TRANSITIONS.get((state, event), state)
 
 
-def refusal(state: ArmState, word: str) -> str:
+def is_enabling(state: ArmState, desired: ArmState) -> bool:
+    """Whether an arm without power is on its way to ENABLED, or beyond."""
+    return PUBLISHED[state] == "DISABLED" and desired in BEYOND[ArmState.DISABLED]
+
+
+def refusal(state: ArmState, desired: ArmState, word: str) -> str:
     """Why a state_command is refused; empty: it is accepted."""
     if word not in COMMANDS:
         known = ", ".join(COMMANDS)
         return f"{word!r} is not a state_command; there are {known}"
-    allowed = ACCEPTED[PUBLISHED[state]]
+    allowed = ACCEPTED_ENABLING if is_enabling(state, desired) else ACCEPTED[PUBLISHED[state]]
     if word in allowed:
         return ""
     return f"{word} is not allowed in {PUBLISHED[state]} ({state}); allowed are {', '.join(allowed)}"

@@ -17,6 +17,7 @@ STIFFNESS: Final = 150.0  # N/m: keeps the distance between the hands
 DAMPING: Final = np.array((10.0, 10.0, 40.0))  # N·s/m
 LOWEST: Final = np.array((-0.4, -0.2, 0.01))  # m: both masters must be beyond this to begin
 HIGHEST: Final = np.array((0.4, 0.2, 0.8))
+APART: Final = 0.03  # m: closer together, across the view, small motions of the hands would turn the camera far
 
 
 class Camera:
@@ -68,6 +69,18 @@ def outside(name: str, place: Array) -> str:
     at = ", ".join(f"{value:.3f}" for value in place)
     return (f"{name} is at ({at}) m, it must be within x ±0.4, y ±0.2, z 0.01 to 0.8: is its base frame set to the "
             "view's?")
+
+
+def too_close(left: Array, right: Array, least: float = APART) -> str:
+    """Why masters at these places (3,) give the camera no clear direction, "": they do.
+
+    The roll of the scene is that of the line between them, as seen: it turns by a motion divided by their distance.
+    """
+    apart = float(np.linalg.norm(_cross(right - left, _unit(0.5 * (left + right)))))
+    if apart >= least:
+        return ""
+    return (f"the masters are {apart * 1e3:.1f} mm apart across the view, at least {least * 1e3:.0f} mm are needed: "
+            "move the hands apart; are the base frames of both masters set?")
 
 
 def _scene(left: Array, right: Array) -> tuple[Array, Array, Array, Array]:

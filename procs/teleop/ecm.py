@@ -11,7 +11,7 @@ from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.teleop.arms import Operator, TeleopArm
-from trocar.procs.teleop.camera import Camera, outside
+from trocar.procs.teleop.camera import APART, Camera, outside, too_close
 from trocar.procs.teleop.record import TeleopRecord
 from trocar.procs.teleop.teleop import Teleop
 from trocar.shm.mailbox.generations import Cell
@@ -22,6 +22,7 @@ JOINTS: Final = 4
 WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when this process does
 IN_REFERENCE_FRAME: Final = 1.0
 MAX_STEP: Final = 0.1  # rad, m: no hands move a camera further in a cycle, but crossing hands turn it over
+MIN_APART: Final = 0.5 * APART  # m, while following: the masters' forces keep their distance
 NEW_TURN: Final = 1e-3  # rad, m: masters are turned again when a joint of the camera has moved by this much
 
 
@@ -54,7 +55,11 @@ class TeleopEcm(Teleop):
             if reason:
                 self.stop(codes.MASTER_OUTSIDE, reason, master.name)
                 return
-        self.go(TeleopState.ENABLED)
+        left, right = self.masters
+        close = too_close(left.measured[:3], right.measured[:3])
+        self.wait(f"waiting: {close}" if close else "")
+        if not close:
+            self.go(TeleopState.ENABLED)
 
     def enter(self, state: TeleopState) -> None:
         if state is TeleopState.ENABLED:
@@ -112,6 +117,10 @@ class TeleopEcm(Teleop):
         if self.slave.refuses_goals:  # the ECM holds, and will not catch up
             self._was_refused = True
             self._begin_here()
+        close = too_close(left.measured[:3], right.measured[:3], MIN_APART)
+        if close:
+            self.stop(codes.CAMERA_JUMP, close)
+            return
         goal = self.camera.step(left.measured[:3], right.measured[:3], left.twist[:3], right.twist[:3])
         if not float(np.abs(goal - self._goal).max()) <= MAX_STEP:
             self.stop(codes.CAMERA_JUMP, "the camera would jump: hands must not cross, nor stand one behind the other")
@@ -135,12 +144,15 @@ class TeleopEcm(Teleop):
 
     # the clutch
 
+    def set_clutch(self, pressed: bool) -> None:
+        """See Teleop; while DISABLED, the clutch belongs to the PSM teleoperations of the same masters."""
+        if self.is_idle:
+            self.clutched = pressed
+        else:
+            super().set_clutch(pressed)
+
     def press(self) -> None:
         self._free_masters()
-
-    def release(self) -> None:
-        for master in self.masters:
-            master.leave()
 
     def rescale(self, scale: float) -> None:
         self.camera.scale = scale

@@ -121,7 +121,7 @@ def test_instrument_put_on_beyond_the_cannula_is_not_turned_there() -> None:
     psm.send("set_tool_type", (), DRIVER)
     psm.run(0.1)
     assert psm.arm.state == "HOMED" and psm.homed_flag and psm.state["count"] == 6
-    assert any("outside the cannula" in e[1] for e in psm.reports.of("status"))
+    assert any("cannula_depth" in e[1] for e in psm.reports.of("status"))
     assert np.allclose(psm.io.setpoint, before, atol=1e-12) and not psm.reported
 
 

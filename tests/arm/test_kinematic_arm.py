@@ -287,3 +287,22 @@ def test_a_kinematic_arm_comes_home_with_its_instrument() -> None:
     pair.homed()
     homed = [event for event in pair.reports.of("operating_state") if event[2] == "HOMED"]
     assert len(homed) <= 2 and all(event[3:] == (True, False) for event in homed), "entered, and the answer to home"
+
+
+def test_a_fixed_instrument_of_a_kinematic_arm_can_be_exchanged_and_removed() -> None:
+    tool = kinematic_system().arm("PSM1").tool
+    assert tool is not None
+    other = dataclasses.replace(tool, name="MEGA_NEEDLE_DRIVER_400194", names=("MEGA_NEEDLE_DRIVER",), model="400194")
+    pair = KinematicPair(tool_detection="FIXED", tool=tool, tools=(tool, other)).homed()
+    assert pair.state["count"] == 6
+    assert pair.ask("set_tool_type", text="MEGA_NEEDLE_DRIVER:400194").outcomes == ["done"]
+    assert pair.state.text("tool") == other.name and pair.state["cartesian_valid"]
+    pair.reports.events.clear()
+    assert pair.ask("emulate_tool_present", (0.0,)).outcomes == ["done"]
+    pair.run(0.1)
+    assert pair.reports.of("tool_type") == [("tool_type", "", 0.0)]
+    assert pair.state.text("tool") == "" and pair.state["count"] == 7 and not pair.state["cartesian_valid"]
+    pair.ask("emulate_tool_present", (1.0,))
+    pair.run(0.1)
+    assert pair.state.text("tool") == tool.name, "the file names the instrument"
+    assert pair.state["count"] == 6 and pair.state["is_homed"]

@@ -137,6 +137,42 @@ def test_through_the_cannula_nothing_jumps(stream: Stream) -> None:
     assert stream.reported == "" and stream.place((0.001, 0.0005, 0.0)) < 1e-6
 
 
+@pytest.mark.parametrize("turn", [(math.pi, 0.0, 0.0), (0.0, 2.3, 0.4), (-1.5, 1.5, 1.5), (0.3, 0.0, 3.0)])
+def test_a_stream_from_rest_to_a_pose_turned_too_far_is_refused(stream: Stream, turn: tuple[float, ...]) -> None:
+    here = stream.joints
+    goal = stream.start.copy()
+    goal[:3, 3] += (0.01, 0.0, 0.002)
+    goal[:3, :3] = rotation_from_vector(np.array(turn)) @ goal[:3, :3]
+    for _ in range(50):
+        assert stream.harness.send("servo_cp", pose_from_matrix(goal)).outcomes == ["refused"]
+    assert np.array_equal(stream.joints, here)
+    stream.harness.run(0.6)
+    assert not stream.follow()
+
+
+@pytest.mark.parametrize("turn", [(1.3, 0.5, 0.0), (0.5, 1.2, 0.5), (-0.9, 0.9, 0.7)])
+def test_a_stream_from_rest_to_an_unreachable_pose_settles(stream: Stream, turn: tuple[float, ...]) -> None:
+    stream.harness.go((0.3, 0.2, 0.13, 0.5, 1.1, -1.1))
+    stream.start, joints = matrix_from_pose(np.array(stream.harness.state["setpoint_cp"])), []
+    for _ in range(1000):
+        assert stream.follow((0.01, 0.0, 0.002), turn).startswith("at its limit")
+        joints.append(stream.joints)
+    assert np.abs(np.diff(joints[-50:], axis=0)).max() < 1e-6
+    for joint in np.transpose(joints):
+        assert reversals(joint) <= 2
+
+
+def reversals(values: Any) -> int:
+    """How often a joint turns round, by more than a degree each time."""
+    count, way, furthest = 0, 0.0, values[0]
+    for value in values:
+        if way * (value - furthest) >= 0.0:
+            way, furthest = way or value - values[0], value
+        elif abs(value - furthest) > math.radians(1.0):
+            count, way, furthest = count + 1, value - furthest, value
+    return count
+
+
 @pytest.mark.slow
 @examples(8)
 @given(st.lists(st.tuples(*[st.floats(-0.3, 0.3)] * 3, *[st.floats(-2.0, 2.0)] * 3), min_size=2, max_size=5))
@@ -149,8 +185,12 @@ def test_wherever_the_goals_go_it_follows_without_a_jump(made: Stream, points: l
         steps = 1000
         for part in np.linspace(0.0, 1.0, steps):
             now = here + part * (np.array(point) - here)
-            made.follow(now[:3], now[3:])
-        here = np.array(point)
+            if made.follow(now[:3], now[3:]) == "ended":  # further goals from there would be as far away
+                made.harness.go(STRAIGHT)
+                here = np.zeros(6)
+                break
+        else:
+            here = np.array(point)
     made.may_end = False
     made.harness.go(STRAIGHT)
     made.harness.run(0.6)

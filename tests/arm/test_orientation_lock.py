@@ -168,13 +168,13 @@ def test_an_orientation_that_cannot_be_kept_is_one_warning(harness: MasterHarnes
     assert len(harness.reports.of("warning")) == 2, "another episode"
 
 
-def test_the_platform_takes_over_at_the_limit_of_the_yaw(harness: MasterHarness) -> None:
+def test_the_platform_takes_over_before_the_limit_of_the_yaw(harness: MasterHarness) -> None:
     harness.put(*START[:5], 0.7, 0.5)
     wanted = axes(harness)
     harness.send("lock_orientation")
     carry(harness, -0.5, 0.2, 0.1, 2.0)
     harness.run(1.0)
-    assert off(axes(harness), wanted) < 1e-4 and abs(joints(harness)[5]) == pytest.approx(0.7854, abs=1e-4)
+    assert off(axes(harness), wanted) < 1e-4 and abs(joints(harness)[5]) < 0.7854 - 0.08
     assert abs(joints(harness)[3] - START[3]) > 0.02
 
 

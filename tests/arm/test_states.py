@@ -7,8 +7,10 @@ import itertools
 import pytest
 
 from tests.arm.fake_io import ArmHarness
+from tests.arm.fake_requests import FakeRequest
 from trocar.procs.arm.states import (
     ACCEPTED,
+    ACCEPTED_ENABLING,
     BEYOND,
     BUSY,
     COMMANDS,
@@ -72,20 +74,21 @@ def test_every_state_is_published_and_every_word_is_known() -> None:
 
 @pytest.mark.parametrize(("state", "word"), list(itertools.product(ArmState, COMMANDS)))
 def test_a_refusal_names_command_state_and_sub_state(state: ArmState, word: ArmEvent) -> None:
-    reason = refusal(state, word)
+    reason = refusal(state, state, word)
     assert (word in ACCEPTED[PUBLISHED[state]]) is (not reason)
     if reason:
         assert word in reason and PUBLISHED[state] in reason and state in reason
 
 
 def test_an_unknown_word_is_refused_with_the_known_ones() -> None:
-    assert "enable" in refusal(ArmState.HOMED, "fly") and "fly" in refusal(ArmState.HOMED, "fly")
+    assert "enable" in (why := refusal(ArmState.HOMED, ArmState.HOMED, "fly")) and "fly" in why
 
 
 AFTER = {  # where a command leads in the end; not listed: stays
     ("DISABLED", "enable"): "ENABLED",
     ("POWERING", "enable"): "ENABLED",
     ("POWERING", "unhome"): "ENABLED",
+    ("POWERING", "home"): "HOMED",
     ("CALIBRATING_ENCODERS_FROM_POTS", "enable"): "ENCODERS_BIASED",
     ("CALIBRATING_ENCODERS_FROM_POTS", "home"): "HOMED",
     ("HOMING", "enable"): "HOMED",
@@ -97,9 +100,13 @@ AFTER = {  # where a command leads in the end; not listed: stays
 }
 
 
+def accepted_in(state: str) -> tuple[ArmEvent, ...]:
+    return ACCEPTED_ENABLING if state == "POWERING" else ACCEPTED[PUBLISHED[ArmState(state)]]
+
+
 def where_to(state: str, word: str) -> str:
     published = PUBLISHED[ArmState(state)]
-    if word not in ACCEPTED[published]:  # nothing changes: what was under way goes on
+    if word not in accepted_in(state):  # nothing changes: what was under way goes on
         return {"POWERING": "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS": "HOMED", "HOMING": "HOMED"}.get(state, state)
     if word == "disable":
         return "DISABLED"
@@ -119,7 +126,7 @@ def test_every_command_in_every_state_is_answered_and_leads_on(state: str, word:
     harness.reach(state)
     harness.reports.events.clear()
     request = harness.state_command(str(word))
-    accepted = word in ACCEPTED[PUBLISHED[ArmState(state)]]
+    accepted = word in accepted_in(state)
     assert request.outcomes[0] == ("accepted" if accepted else "refused")
     assert len(harness.reports.of("operating_state")) >= (2 if accepted else 1)
     assert len(harness.reports.of("warning")) == (0 if accepted else 1)
@@ -199,6 +206,45 @@ def test_a_newer_state_command_fails_the_older() -> None:
     disable = harness.state_command("disable")
     harness.run(0.1)
     assert enable.outcomes == ["accepted", "failed"] and disable.outcomes == ["accepted", "done"]
+
+
+def give_in_one_cycle(harness: ArmHarness, *words: str) -> list[FakeRequest]:
+    """Run until the arm is in the same state for a second."""
+    requests = [FakeRequest("state_command", text=word) for word in words]
+    harness.step(*requests)
+    while True:
+        before = harness.arm.state
+        harness.run(1.0)
+        if harness.arm.state == before:
+            return requests
+
+
+@pytest.mark.parametrize(("begin", "words", "end", "outcomes"), [
+    ("DISABLED", ("enable", "home"), "HOMED", ("done", "done")),
+    ("FAULT", ("enable", "home"), "HOMED", ("done", "done")),
+    ("DISABLED", ("enable", "home", "unhome"), "ENABLED", ("failed", "failed", "done")),
+    ("DISABLED", ("enable", "home", "disable"), "DISABLED", ("failed", "failed", "done")),
+    ("HOMED", ("disable", "enable", "home"), "HOMED", ("failed", "done", "done")),
+    ("HOMED", ("disable", "home"), "DISABLED", ("done", "refused")),
+    ("HOMED", ("unhome", "home"), "HOMED", ("done", "done")),
+    ("HOMED", ("pause", "resume"), "HOMED", ("done", "done")),
+])
+def test_commands_in_one_cycle_are_carried_out_in_order(begin: str, words: tuple[str, ...], end: str,
+                                                        outcomes: tuple[str, ...]) -> None:
+    harness = ArmHarness()
+    harness.reach(begin)
+    requests = give_in_one_cycle(harness, *words)
+    assert harness.arm.state == end
+    assert tuple(request.outcomes[-1] for request in requests) == outcomes
+
+
+def test_enable_is_answered_before_the_home_that_follows_it() -> None:
+    harness = ArmHarness()
+    harness.run(0.1)
+    enable, home = FakeRequest("state_command", text="enable"), FakeRequest("state_command", text="home")
+    harness.step(enable, home)
+    harness.until(lambda: enable.outcomes[-1] == "done")
+    assert harness.state.text("state") == "ENABLED" and home.outcomes == ["accepted"]
 
 
 def test_enable_without_io_is_refused_with_the_reason() -> None:

@@ -55,7 +55,7 @@ class MotionPlay:
             *((("servo", lambda: motion.servo(motion.goal + self.array(0.01), None, now)),
                ("servo with velocity", lambda: motion.servo(motion.goal + self.array(0.01), self.array(1.0), now)),
                ("drift", lambda: motion.drift(self.array(1.0, 5.0), now)),
-               ("adjust", lambda: motion.adjust(motion.goal + self.array(0.02))),
+               ("adjust", lambda: motion.adjust(motion.goal + self.array(0.02), moves=False)),
                ("move", lambda: motion.move(self.array(1.0, 2.0), self.array(3.0, 30.0), now))) * 3),
             ("push", lambda: motion.push(chance.choice((None, some)))),
             ("add", lambda: motion.add(self.array(2.0), now + 20 * MS)), ("end feed", motion.end_feed),

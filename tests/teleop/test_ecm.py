@@ -57,6 +57,30 @@ def test_masters_elsewhere_are_refused_in_words() -> None:
     assert harness.text("state") == "DISABLED" and harness.text("reason").startswith("MTML is at (0.650,")
 
 
+@pytest.mark.parametrize("right", [(0.15, -0.0515, 0.40), (0.15, -0.05, 0.40), (0.1125, -0.0375, 0.30)])
+def test_masters_close_together_are_waited_for(right: tuple[float, ...]) -> None:
+    harness = EcmHarness()
+    harness.arms["MTMR"].pose = (*right, 0, 0, 0, 1)
+    harness.state_command("enable")
+    harness.run(0.1)
+    assert not harness.following and harness.text("state") == "SETTING_ARMS_STATE" and "mm" in harness.text("reason")
+    assert not harness.slave.sent
+    harness.arms["MTMR"].pose = (-0.15, -0.05, 0.40, 0, 0, 0, 1)
+    harness.run(0.7)
+    assert harness.following and not harness.text("reason")
+
+
+def test_hands_that_come_together_end_it_before_the_camera_rolls(harness: EcmHarness) -> None:
+    for _ in range(2000):
+        if not harness.following:
+            break
+        harness.arms["MTML"].shift(-0.00014, 0, 0)
+        harness.arms["MTMR"].shift(0.00014, 0, 0)
+        harness.step()
+    assert harness.text("state") == "DISABLED"
+    assert all(abs(values[3]) < 0.01 for _, values, _ in harness.slave.asked("servo_jp"))
+
+
 def test_the_clutch_begins_from_a_new_place(harness: EcmHarness) -> None:
     harness.send("clutch", 1)
     assert not harness.following and harness.slave.words()[-1] == "end_stream"
@@ -68,6 +92,22 @@ def test_the_clutch_begins_from_a_new_place(harness: EcmHarness) -> None:
     harness.run(0.005)
     assert harness.following
     assert harness.slave.asked("servo_jp")[-1][1] == pytest.approx((0, 0, 0.12, 0), abs=1e-9)
+
+
+def test_a_disabled_one_is_silent_on_the_clutch(harness: EcmHarness) -> None:
+    harness.state_command("disable")
+    harness.run(0.005)
+    harness.forget()
+    harness.reports.reported.clear()
+    for pressed in (1, 0, 2, 0):
+        harness.send("clutch", pressed)
+        harness.run(0.01)
+    assert not harness.reports.reported and not harness.text("reason")
+    assert not any(arm.sent for arm in harness.arms.values())
+    harness.send("clutch", 1)
+    harness.state_command("enable")
+    harness.run(0.005)
+    assert harness.text("state") == "ENABLED" and not harness.following, "it knows that the clutch is pressed"
 
 
 def test_another_scale_moves_nothing(harness: EcmHarness) -> None:

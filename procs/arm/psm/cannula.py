@@ -64,10 +64,15 @@ class Cannula:
             raise CommandRefused(f"unable to solve inverse kinematics ({reason})")
         found[INSERTION] = max(seed[INSERTION], found[INSERTION]) if seed[INSERTION] <= least else least
 
-    def is_beyond(self, joints: JointSpace, tool: Tool, discs: Array) -> bool:
-        """Whether the tip of a newly attached instrument is beyond the cannula, for the present actuators (7,)."""
+    def beyond(self, joints: JointSpace, tool: Tool, discs: Array) -> str:
+        """How far the tip of a newly attached instrument is beyond the cannula, for the present actuators (7,); "": it
+        is not.
+        """
         if joints.kinematics is None:
-            return False
-        least = self._control.arm.cannula_depth or (SNAKE_DEPTH if tool.snake else DEPTH)
+            return ""
+        given = self._control.arm.cannula_depth
+        least = given or (SNAKE_DEPTH if tool.snake else DEPTH)
         at = joints.to_joint @ discs
-        return bool(np.linalg.norm(joints.kinematics.fk_to(at[: joints.count], TIP_FRAME)[:3, 3]) >= least)
+        depth = float(np.linalg.norm(joints.kinematics.fk_to(at[: joints.count], TIP_FRAME)[:3, 3]))
+        source = "of the arm file" if given else "not in the arm file"
+        return f"{depth * 1e3:.1f} mm deep, cannula_depth ({source}) {least * 1e3:.0f} mm" if depth >= least else ""

@@ -41,8 +41,7 @@ class Detection:
         """The instrument was removed or replaced."""
         self.asks = False
         self._asked_ns = self._order = 0
-        if not self._fixed:
-            self.tool = self.joints = None
+        self.tool = self.joints = None
 
     def take(self, tool: Tool) -> None:
         """Set the instrument; ValueError if the arm cannot be driven with it."""
@@ -64,14 +63,23 @@ class Detection:
         if found.entry is None:
             raise ValueError(f"{name[:40] or 'no name'}: {found.reason}; there are: "
                              f"{', '.join(found.candidates or map(full_name, known))}")
-        self.take(found.entry)
-        self._control.reports.emit("tool_type", full_name(found.entry))
+        self._name(found.entry)
+
+    def _name(self, tool: Tool) -> None:
+        self.take(tool)
+        self._control.reports.emit("tool_type", full_name(tool))
 
     def step(self) -> None:
         """Identify the attached instrument."""
-        if not self._reads:
+        fixed = self._control.arm.tool
+        if self._fixed and fixed is not None:
+            self._name(fixed)
+        elif not self._reads:
             self._ask()
-            return
+        else:
+            self._read()
+
+    def _read(self) -> None:
         reading = self._reading()
         news = reading.status in ("READ", "ABSENT", "ERROR") and reading.since_ns != self._heard_ns
         if news and 0 < self._asked_ns <= reading.since_ns:

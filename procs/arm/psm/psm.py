@@ -49,10 +49,13 @@ class PsmLogic(ArmLogic):
         """Resumes with the adapter and the instrument of the previous process."""
         super().__init__(arm, around)
         control, before, field = self.control, self._previous_state, around.state
-        reported = field("emulated")
+        reported, is_fixed = field("emulated"), arm.tool_detection == "FIXED" and not arm.inputs.tool
         self.adapter = Attachment(field("adapter"), reported[:1], has_switch=bool(arm.inputs.adapter))
         self.tool = Attachment(field("instrument"), reported[1:], has_switch=bool(arm.inputs.tool),
-                               always=arm.tool_detection == "FIXED" and not arm.inputs.tool)
+                               always=is_fixed and not control.is_kinematic)
+        if is_fixed and control.is_kinematic and self.tool.fit is AttachmentState.UNKNOWN:
+            self.tool.say(True)
+            self.tool.fit = AttachmentState.ENGAGED
         self.detection = Detection(control, around.reading)
         self._shown_name, robot = field("tool"), around.robot
         self._sampled = around.field("robot_valid")[robot : robot + 1].reshape(())
@@ -63,6 +66,8 @@ class PsmLogic(ArmLogic):
         known = self._known(before.tool) if before is not None and self.tool.present else None
         if known is not None:
             self.detection.take(known)
+        elif before is not None and self.tool.fit is AttachmentState.ABSENT:
+            self.detection.forget()
         if self.tool.fit is AttachmentState.ENGAGED and self.detection.tool is None:
             self.tool.fit = AttachmentState.FOUND  # the configuration no longer has it
         if self.tool.fit is not AttachmentState.ENGAGED:
@@ -160,9 +165,10 @@ class PsmLogic(ArmLogic):
             return None
         if self.tool.fit is AttachmentState.NEW and not kinematic:
             discs = self.joints.to_actuator @ self.io.setpoint
-            if not self.cannula.is_beyond(self.detection.joints, self.detection.tool, discs):
+            beyond = self.cannula.beyond(self.detection.joints, self.detection.tool, discs)
+            if not beyond:
                 return ArmEvent.TOOL
-            self.control.status("tool tip is outside the cannula, assuming it doesn't need to engage")
+            self.control.status(f"tool tip is outside the cannula, assuming it doesn't need to engage: {beyond}")
         self._carry()
         return None
 
@@ -226,7 +232,7 @@ class PsmLogic(ArmLogic):
 
     def _set_tool_type(self, request: Request) -> None:
         control, arm = self.control, self.control.arm
-        if arm.tool_detection == "FIXED":
+        if arm.tool_detection == "FIXED" and not control.is_kinematic:
             raise CommandRefused("tool detection is FIXED: the arm's file names the instrument")
         if self.machine.moving or self.state is ArmState.HOMING or control.motion.mode is Mode.EFFORT:
             raise CommandRefused("the arm is moving or in effort mode")

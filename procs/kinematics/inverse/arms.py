@@ -12,7 +12,7 @@ from trocar.procs.document.system import Chain, Tool
 from trocar.procs.kinematics.endoscopes import NAMES, NONE, endoscope
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.endoscope import EndoscopeInverse
-from trocar.procs.kinematics.inverse.master import Master
+from trocar.procs.kinematics.inverse.master import MasterInverse
 from trocar.procs.kinematics.inverse.snake import Snake
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.inverse.wrist import Wrist
@@ -58,7 +58,7 @@ def endoscope_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> Inv
 def master_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:
     """The solver of an MTM."""
     fits = tool is None and _joints(chain, tool) == MTM_JOINTS
-    return InverseSolver(Kinematics(chain), Master(chain)) if fits else None
+    return MasterInverse(chain) if fits else None
 
 
 def _none(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:

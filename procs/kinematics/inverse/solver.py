@@ -91,7 +91,7 @@ class InverseSolver:
         if not math.isfinite(self._given.dot(self._given)):
             self.reason = "goal or seed is not finite"
             return False
-        if self._improve(CLOSE) and self._fits(LIMIT_ROOM) < 0:
+        if self._improve(CLOSE) and self._fits(LIMIT_ROOM) < 0 and self._suits():
             return True
         best, why, axis = math.inf, "out of reach", -1
         candidates = []
@@ -99,7 +99,7 @@ class InverseSolver:
             q[...] = start
             worst = self._fits(GUESS_ROOM)
             if worst < 0:
-                candidates.append((float(np.abs(q - self.seed).sum()), q.copy()))
+                candidates.append((self._distance(q), q.copy()))
             elif self.beyond.item() < best:
                 best, why, axis = self.beyond.item(), self._blame(worst), worst
         for _, candidate in sorted(candidates, key=lambda each: each[0]):
@@ -132,6 +132,14 @@ class InverseSolver:
         steps = self._newton(furthest)
         self.steps += steps if steps >= 0 else -1 - steps
         return steps >= 0
+
+    def _suits(self) -> bool:
+        """Whether the solution in `q` is to be preferred to others further from the seed."""
+        return True
+
+    def _distance(self, q: Array) -> float:
+        """How far joints (n,) are from the seed: the nearest solution is taken."""
+        return float(np.abs(q - self.seed).sum())
 
     def _blame(self, axis: int) -> str:
         value, lower, upper = self.q[axis], self.lower[axis], self.upper[axis]
