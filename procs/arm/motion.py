@@ -72,7 +72,7 @@ class Motion:
         self.goal, self.velocity = self.rows
         self.effort, self.target, self.asked, self.feed_velocity = np.zeros((4, n))
         self.governor = Governor(self, joints.servo_speed, joints.servo_acceleration, joints.lower, joints.upper)
-        self._jaw_governor = self.governor.of_last()
+        self._has_jaw, self._jaw_governor = joints.has_jaw, self.governor.of_last()
         self.feed = np.zeros(n)
         """Efforts added to position control, until `feed_end_ns`."""
         self.feed_end_ns = FOR_EVER_NS
@@ -167,7 +167,7 @@ class Motion:
             self._bound_start()
         else:
             self.velocity[...] = 0.0
-        streams = not jaw and self.mode is Mode.POSITION and self.goal[-1] != target[-1]
+        streams = self._has_jaw and not jaw and self.mode is Mode.POSITION and self.goal[-1] != target[-1]
         reason = self._plan(target, now_ns, streams)
         if not reason:
             self.target[...] = target
@@ -280,7 +280,7 @@ class Motion:
         self._trajectory.evaluate((now_ns - self._start_ns) * 1e-9, self.goal, self.velocity)
         if self.jaw_streams:
             self.goal[-1], self.velocity[-1] = jaw, self.governor.rate[-1]
-        else:
+        elif self._has_jaw:
             self.governor.rate[-1] = self.velocity[-1]  # from where a stream of the jaw begins
 
     def _plan(self, target: Array, now_ns: int, jaw_streams: bool) -> str:

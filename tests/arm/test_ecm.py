@@ -172,3 +172,16 @@ def test_an_unknown_endoscope_is_told_and_changes_nothing(harness: ArmHarness) -
     assert request.outcomes == ["refused"] and "Classic_SD_UP" in request.replies[0][1]
     assert ("endoscope_type", "ERROR", 0.0) in harness.reports.events
     assert harness.state.text("tool") == "Classic_SD_STRAIGHT"
+
+
+def test_a_move_of_the_last_joint_is_no_faster_than_its_trajectory(harness: ArmHarness) -> None:
+    harness.send("servo_jp", BENT)
+    harness.run(0.1)
+    request = harness.send("move_jp", (*BENT[:3], -BENT[3]))
+    speeds = []
+    while request.outcomes[-1] == "accepted":
+        before = harness.state["setpoint_position"][3]
+        harness.step()
+        speeds.append(abs(harness.state["setpoint_position"][3] - before) * 1e9 / harness.period_ns)
+    most = harness.arm.control.joints.v_max[3]
+    assert request.outcomes[-1] == "done" and 0.5 * most < max(speeds) <= most * (1.0 + 1e-9)
