@@ -142,4 +142,4 @@ def test_an_io_that_has_not_looked_at_its_inputs_yet_takes_nothing_off() -> None
     psm.until(lambda: psm.arm.state == "ENABLED")
     psm.state_command("home")
     psm.until(lambda: psm.homed_flag)
-    assert psm.state["count"] == 6 and not psm.reported and not psm.types
+    assert psm.state["count"] == 6 and not psm.reported and psm.types == [("tool_type", DRIVER)]

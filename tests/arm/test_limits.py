@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -68,13 +69,15 @@ def made() -> Stream:
 
 
 @pytest.fixture
-def stream(made: Stream) -> Stream:
+def stream(made: Stream) -> Iterator[Stream]:
     """Where it began, nothing told yet."""
     made.harness.go(STRAIGHT)
     made.harness.run(2.2)
     made.harness.reports.events.clear()
     made.largest[:] = 0.0
-    return made
+    start = made.start
+    yield made
+    made.start = start
 
 
 def test_deeper_than_it_can_go_it_stays_at_the_limit_and_comes_back(stream: Stream) -> None:
