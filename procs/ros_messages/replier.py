@@ -76,8 +76,9 @@ class MatchedEndpoint:
     address: Address
     inbox: Inbox = field(default_factory=Inbox)
     told: int = 0
-    """The last sequence number of ours that this reader knows of."""
+    """The last sequence number of ours that this reader was told of."""
     acked: int = 0
+    """The last one that it has; 0: it may not know our writer yet, and take the first heartbeat for its beginning."""
 
 
 @dataclass(slots=True)
@@ -89,9 +90,12 @@ class ServiceEndpoint:
     reply: str
     reader: bytes
     writer: bytes
-    last: int = 0
+    last: int = 1
+    """The last sequence number; 1 is no reply: who has it knows our writer."""
     kept: deque[tuple[int, bytes, bytes]] = field(default_factory=lambda: deque(maxlen=KEPT))
     """Sequence number, participant and message of the last replies."""
+    waiting: deque[tuple[ServiceRequest, bytes]] = field(default_factory=lambda: deque(maxlen=KEPT))
+    """Replies to participants that do not know our writer yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,8 +292,10 @@ class Replier:
             return
         address = discovery.locator(rows, ENDPOINT_LOCATOR, order, peer.user[0]) or peer.user
         known = self._writers if is_writer else self._readers
-        if len(known) < CLIENTS:  # a reader may have missed a reply while it was unknown: heartbeats tell it
-            known.setdefault(guid, MatchedEndpoint(service, peer, address, told=service.last))
+        if len(known) < CLIENTS and guid not in known:
+            known[guid] = MatchedEndpoint(service, peer, address, told=service.last)
+            if not is_writer:
+                self._send(address, peer.prefix, self._kept_by(service, guid[PREFIX:]))
 
     def _acked(self, one: Submessage, peer: Peer) -> None:
         """Send again what a reader has not received."""
@@ -299,6 +305,7 @@ class Replier:
                 self._describe(peer, one.target, one.missing)
         elif (client := self._readers.get(one.guid)) is not None and client.service.writer == one.target:
             client.acked = max(client.acked, min(one.first - 1, client.service.last))
+            self._reply_waiting(client.service)
             kept = {sequence: message for sequence, prefix, message in client.service.kept if prefix == peer.prefix}
             for sequence in one.missing:
                 if sequence <= client.service.last:
@@ -317,22 +324,37 @@ class Replier:
 
     def _kept_by(self, service: ServiceEndpoint, reader: bytes) -> bytes:
         """A heartbeat: the replies that can be sent again."""
-        return self._heartbeat(service.writer, reader, max(1, service.last - KEPT + 1), service.last)
+        return self._heartbeat(service.writer, reader, max(2, service.last - KEPT + 1), service.last)
 
     def reply(self, request: ServiceRequest, payload: bytes) -> None:
         """Send the reply, a message in CDR with its encapsulation, to the participant that asked."""
+        request.service.waiting.append((request, payload))
+        self._reply_waiting(request.service)
+
+    def _reply_waiting(self, service: ServiceEndpoint) -> None:
+        """Send the replies to all participants that know our writer."""
+        for _ in range(len(service.waiting)):
+            request, payload = service.waiting.popleft()
+            readers = [(guid, each) for guid, each in self._readers.items()
+                       if each.service is service and each.peer.prefix == request.prefix]
+            if readers and all(each.acked for _, each in readers):
+                self._send_reply(request, payload, readers)
+            elif request.prefix in self._peers:
+                service.waiting.append((request, payload))
+
+    def _send_reply(self, request: ServiceRequest, payload: bytes,
+                    readers: Iterable[tuple[bytes, MatchedEndpoint]]) -> None:
         service = request.service
         service.last += 1
         message = payload[:4] + request.header + payload[4:]
         part = rtps.data(service.writer, rtps.UNKNOWN, service.last, message,
                          [(key, request.identity) for key in RELATED])
         service.kept.append((service.last, request.prefix, part))
-        for guid, client in self._readers.items():
-            if client.service is service and client.peer.prefix == request.prefix:
-                before = [rtps.gap(service.writer, guid[PREFIX:], client.told + 1, service.last - 1)
-                          ] if client.told + 1 < service.last else []
-                client.told = service.last
-                self._send(client.address, request.prefix, *before, part, self._kept_by(service, guid[PREFIX:]))
+        for guid, client in readers:
+            before = [rtps.gap(service.writer, guid[PREFIX:], client.told + 1, service.last - 1)
+                      ] if client.told + 1 < service.last else []
+            client.told = service.last
+            self._send(client.address, request.prefix, *before, part, self._kept_by(service, guid[PREFIX:]))
 
     def _send(self, address: Address, to: bytes, *parts: bytes) -> None:
         with suppress(OSError):  # it has gone, or the buffer is full: the next heartbeat repeats it

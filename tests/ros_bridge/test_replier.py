@@ -20,7 +20,7 @@ from trocar.procs.ros_messages import discovery, rtps
 from trocar.procs.ros_messages.dds import Participant
 from trocar.procs.ros_messages.messages import TriggerRequest, TriggerResponse
 from trocar.procs.ros_messages.replier import Replier
-from trocar.procs.ros_messages.rtps import ACKNACK, DATA, HEADER, Submessage
+from trocar.procs.ros_messages.rtps import ACKNACK, DATA, HEADER, HEARTBEAT, Submessage
 from trocar.shm.time.clock import monotonic_ns
 
 SERVICE = SERVICES["crtk_version"]
@@ -101,9 +101,13 @@ class FastClient:
         self.socket.sendto(packet, ("127.0.0.1", self.server + user))
 
     def hears(self) -> list[Submessage]:
+        """Everything so far; heartbeats of the writer of replies are acknowledged."""
         try:
             while True:
-                self.heard += rtps.messages(self.socket.recv(65507), self.prefix)
+                for one in rtps.messages(self.socket.recv(65507), self.prefix):
+                    self.heard.append(one)
+                    if one.kind == HEARTBEAT and one.guid[12:] == b"\0\0\1\3":
+                        self.send(rtps.acknack(b"\0\0\1\3", b"\0\0\7\4", one.last + 1, (), len(self.heard)), user=True)
         except BlockingIOError:
             return self.heard
 
