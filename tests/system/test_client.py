@@ -238,8 +238,10 @@ def jaw(psm: trocar.Psm) -> None:
 
 def tools(psm: trocar.Psm) -> None:
     assert psm.tool()[0] == "LARGE_NEEDLE_DRIVER:400006"
-    with refused("FIXED"):
+    with refused("effort mode"):
         psm.set_tool_type("LARGE_NEEDLE_DRIVER:400006")
+    psm.hold()
+    psm.set_tool_type("LARGE_NEEDLE_DRIVER:400006")
     psm.emulate_adapter_present()
     psm.emulate_tool_present()
 
