@@ -263,7 +263,7 @@ def test_people_on_the_network_power_nothing_where_the_file_says_so(robot: Robot
     with bridged(robot, tmp_path, may_power=False) as client:
         client.state("DISABLED")
         for topic, message in (("system/home", Empty()), ("PSM1/state_command", StringStamped(string="enable"))):
-            refused = f"{topic.replace('/', ' ')}: the ROS bridge may not power"
+            refused = f"{topic.replace('/', ': ')}: the ROS bridge may not power"
             client.insist(lambda: client.tell(topic, message),  # noqa: B023
                           lambda: refused in robot.trocar("logs", "ros_bridge"), refused)  # noqa: B023
         assert client.last("PSM1/operating_state").state == "DISABLED"
