@@ -178,7 +178,8 @@ def arrange(message: JointStates, joints: tuple[str, ...], *, by_name: bool) -> 
         for part in ("position", "velocity", "effort"):
             if numbers := getattr(message, part):
                 setattr(message, part, in_order(numbers, names, joints))
-    elif joints and message.velocity and {len(message.position), len(message.velocity)} != {len(joints)}:
+    elif joints and message.position and message.velocity and (
+            {len(message.position), len(message.velocity)} != {len(joints)}):
         raise ValueError(f"{len(message.position)} positions and {len(message.velocity)} velocities; "
                          f"its joints are: {', '.join(joints)}")
 

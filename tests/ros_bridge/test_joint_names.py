@@ -90,6 +90,14 @@ def test_positions_and_velocities_of_fewer_joints_are_not_taken_for_positions(
     assert setpoint(bridge) == begin and len(heard["PSM1"]) == 1
 
 
+@pytest.mark.parametrize("names", [[], NAMES])
+def test_velocities_alone_are_followed_with_and_without_names(bridge: HostedBridge, begin: list[float],
+                                                              names: list[str]) -> None:
+    message = JointStates(name=names, velocity=[0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert not bridge.refused("PSM1/servo_jv", message, "PSM1")["PSM1"]
+    assert setpoint(bridge)[0] > begin[0]
+
+
 @pytest.mark.parametrize(("command", "part"), [("servo_jp", "position"), ("servo_jr", "position"),
                                                ("servo_jv", "velocity"), ("servo_jf", "effort"),
                                                ("move_jp", "position"), ("move_jr", "position")])
