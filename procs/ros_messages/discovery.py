@@ -1,4 +1,4 @@
-"""What DDS participants tell of themselves (DDSI-RTPS 2.3, 8.5 and 9.6.2): where they are, and their endpoints."""
+"""What DDS participants announce (DDSI-RTPS 2.3, 8.5 and 9.6.2): their addresses, and their endpoints."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def endpoint(prefix: bytes, entity: bytes, topic: str, kind: str, user_data: str
 
 
 def lease_of(rows: Parameters, order: str) -> int:
-    """After so many seconds of silence a participant has gone."""
+    """How long a participant may be silent before it counts as gone, s."""
     return next((int(struct.unpack_from(order + "i", value)[0]) for key, value in rows if key == LEASE), LEASE_S)
 
 

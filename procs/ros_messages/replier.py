@@ -1,8 +1,12 @@
 """A DDS participant that answers requests, also those of Fast DDS, the default of ROS 2.
 
-A reply names its request. Fast DDS does so beside the message (related sample identity, DDS-RPC 7.8.2), where no
-program reaches with Cyclone DDS; Cyclone's ROS layer does so in front of it. So this participant speaks RTPS itself:
-discovery (SPDP, SEDP), and one reliable reader and writer for each service. All else is in dds.py.
+A reply contains the identity of its request. Fast DDS has it in the inline QoS of the message (related sample identity,
+DDS-RPC 7.8.2), to which the library Cyclone DDS gives no access; rmw_cyclonedds has it at the beginning of the message.
+So this participant speaks RTPS itself: discovery (SPDP, SEDP), and one reliable reader and writer for each service.
+Topics use the library, see dds.py.
+
+A reader of Cyclone DDS takes the first heartbeat of a writer for its beginning, and never asks for what came before. So
+a reply waits until its reader has acknowledged a heartbeat.
 """
 
 from __future__ import annotations
@@ -21,19 +25,7 @@ import psutil
 
 from trocar.procs.ros_messages import discovery, rtps
 from trocar.procs.ros_messages.dds import LOOPBACK, PARTICIPANTS, DdsError
-from trocar.procs.ros_messages.discovery import (
-    ENDPOINT_GUID,
-    ENDPOINT_LOCATOR,
-    KEY_HASH,
-    META_LOCATOR,
-    READERS_OUT,
-    SEDP,
-    SPDP_READER,
-    SPDP_WRITER,
-    TOPIC,
-    USER_LOCATOR,
-    WRITERS_OUT,
-)
+from trocar.procs.ros_messages.discovery import READERS_OUT, SEDP, SPDP_READER, SPDP_WRITER, WRITERS_OUT, Address
 from trocar.procs.ros_messages.rtps import ACKNACK, DATA, GAP, GUID, HEARTBEAT, PREFIX, Inbox, Submessage
 
 MULTICAST: Final = "239.255.0.1"
@@ -41,14 +33,13 @@ LARGEST: Final = 65507  # bytes of a packet
 PEERS, CLIENTS = 200, 4000  # participants, and endpoints of theirs, that are remembered
 PACKETS: Final = 500  # read in one step
 SECOND_NS: Final = 1_000_000_000
+LEASE_LIMIT_S: Final = 300  # a silent participant is forgotten after this time, whatever it announces
 ANNOUNCE_NS: Final = 3 * SECOND_NS
 BEAT_NS: Final = SECOND_NS // 5
 KEPT: Final = 32  # replies of a service that are sent again on request
 CYCLONE: Final = b"\x01\x10"
 
 RELATED: Final = (0x0083, 0x800F)  # the standard's number, and that of Fast DDS 2
-
-Address = tuple[str, int]
 
 
 @dataclass(slots=True)
@@ -76,9 +67,9 @@ class MatchedEndpoint:
     address: Address
     inbox: Inbox = field(default_factory=Inbox)
     told: int = 0
-    """The last sequence number of ours that this reader was told of."""
+    """Of a reader: our last sequence number that was sent to it, or announced by a heartbeat."""
     acked: int = 0
-    """The last one that it has; 0: it may not know our writer yet, and take the first heartbeat for its beginning."""
+    """Of a reader: the last sequence number that it has acknowledged; 0: none, so it may not know our writer yet."""
 
 
 @dataclass(slots=True)
@@ -91,7 +82,7 @@ class ServiceEndpoint:
     reader: bytes
     writer: bytes
     last: int = 1
-    """The last sequence number; 1 is no reply: who has it knows our writer."""
+    """The last sequence number. Number 1 is no reply: a reader that acknowledges it knows our writer."""
     kept: deque[tuple[int, bytes, bytes]] = field(default_factory=lambda: deque(maxlen=KEPT))
     """Sequence number, participant and message of the last replies."""
     waiting: deque[tuple[ServiceRequest, bytes]] = field(default_factory=lambda: deque(maxlen=KEPT))
@@ -242,10 +233,11 @@ class Replier:
         rows, order = rtps.described(one.payload)
         peer = self._peers.get(prefix)
         if peer is None and prefix != self._prefix and len(self._peers) < PEERS:
-            meta, user = (discovery.locator(rows, each, order, host) for each in (META_LOCATOR, USER_LOCATOR))
+            meta = discovery.locator(rows, discovery.META_LOCATOR, order, host)
+            user = discovery.locator(rows, discovery.USER_LOCATOR, order, host)
             if meta is None or user is None:
                 return
-            lease_s = max(1, discovery.lease_of(rows, order))
+            lease_s = min(max(1, discovery.lease_of(rows, order)), LEASE_LIMIT_S)
             peer = Peer(prefix, vendor, meta, user, lease_s * SECOND_NS, now_ns)
             self._peers[prefix] = peer
             self._announce([meta])
@@ -277,20 +269,20 @@ class Replier:
         """SEDP: an endpoint of another participant is there, or leaves."""
         if discovery.has_left(one):
             for guid in (value for key, value in (*one.inline, *discovery.rows_of(one.payload))
-                         if key in (KEY_HASH, ENDPOINT_GUID)):
+                         if key in (discovery.KEY_HASH, discovery.ENDPOINT_GUID)):
                 self._readers.pop(guid, None)
                 self._writers.pop(guid, None)
             return
         rows, order = rtps.described(one.payload)
         values = dict(rows)
-        service = self._topics.get(rtps.text_of(values.get(TOPIC, b""), order))
-        guid = values.get(ENDPOINT_GUID, b"")
+        service = self._topics.get(rtps.text_of(values.get(discovery.TOPIC, b""), order))
+        guid = values.get(discovery.ENDPOINT_GUID, b"")
         if service is None or guid[:PREFIX] != peer.prefix or len(guid) != GUID:
             return
         is_writer = one.guid[PREFIX:] == WRITERS_OUT
-        if is_writer != (service.request == rtps.text_of(values[TOPIC], order)):
+        if is_writer != (service.request == rtps.text_of(values[discovery.TOPIC], order)):
             return
-        address = discovery.locator(rows, ENDPOINT_LOCATOR, order, peer.user[0]) or peer.user
+        address = discovery.locator(rows, discovery.ENDPOINT_LOCATOR, order, peer.user[0]) or peer.user
         known = self._writers if is_writer else self._readers
         if len(known) < CLIENTS and guid not in known:
             known[guid] = MatchedEndpoint(service, peer, address, told=service.last)

@@ -19,6 +19,7 @@ UNKNOWN: Final = bytes(4)
 PREFIX, GUID = 12, 16  # bytes
 SENTINEL: Final = 1
 SET_SIZE: Final = 256
+HIGH_LIMIT: Final = 1 << 30  # of the upper half of a sequence number: those that follow one can still be written
 Parameters = list[tuple[int, bytes]]
 
 
@@ -91,7 +92,7 @@ def messages(packet: bytes, ours: bytes) -> Iterator[Submessage]:
             if kind == INFO_DESTINATION:
                 is_ours = body[:PREFIX] in (ours, bytes(PREFIX))
             elif kind == INFO_SOURCE:
-                prefix = body[8:20]
+                (prefix,) = struct.unpack_from("12s", body, 8)
             elif is_ours and kind in (DATA, HEARTBEAT, GAP, ACKNACK):
                 yield _read(kind, flags, body, order, prefix)
     except (struct.error, ValueError):
@@ -121,6 +122,8 @@ def _read(kind: int, flags: int, body: bytes, order: str, prefix: bytes) -> Subm
 
 def _sequence(body: bytes, at: int, order: str) -> int:
     high, low = struct.unpack_from(order + "iI", body, at)
+    if not 0 <= high < HIGH_LIMIT:
+        raise ValueError
     return int(high << 32 | low)
 
 
@@ -182,7 +185,8 @@ def number(sequence: int) -> bytes:
     return struct.pack("<iI", sequence >> 32, sequence & 0xFFFFFFFF)
 
 
-def data(writer: bytes, reader: bytes, sequence: int, payload: bytes, inline: Parameters = []) -> bytes:  # noqa: B006
+def data(writer: bytes, reader: bytes, sequence: int, payload: bytes,
+         inline: Sequence[tuple[int, bytes]] = ()) -> bytes:
     """A message: what a writer writes."""
     rows = listed(inline) if inline else b""
     body = struct.pack("<HH", 0, 16) + reader + writer + number(sequence) + rows + payload

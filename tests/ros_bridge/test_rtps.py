@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from trocar.procs.ros_messages import discovery, rtps
@@ -11,6 +11,7 @@ from trocar.procs.ros_messages.rtps import ACKNACK, DATA, GAP, HEARTBEAT, Inbox,
 OURS, THEIRS = b"ours" * 3, b"them" * 3
 WRITER, READER = b"\0\0\1\3", b"\0\0\1\4"
 NUMBERS = st.integers(1, 1 << 40)
+GAP_PART = b"\x08\x01\x1c\x00"  # kind, little-endian, size
 
 
 def read(*parts: bytes, to: bytes = OURS) -> list[Submessage]:
@@ -52,6 +53,18 @@ def test_no_packet_raises(packet: bytes, cut: int) -> None:
     for raw in (packet, rtps.HEADER + packet, whole[:20] + packet, whole[:cut], whole[:cut] + packet):
         for one in rtps.messages(raw, OURS):
             discovery.rows_of(one.payload)
+
+
+@example(first=(1 << 63) - 1, last=(1 << 63) - 1)
+@given(first=st.integers(-(1 << 63), (1 << 63) - 1), last=st.integers(-(1 << 63), (1 << 63) - 1))
+def test_whatever_numbers_a_writer_has_they_can_be_acknowledged(first: int, last: int) -> None:
+    inbox = Inbox()
+    parts = (rtps.heartbeat(WRITER, READER, first, last, 1), rtps.data(WRITER, READER, first, b"1234"),
+             GAP_PART + READER + WRITER + rtps.number(first) + rtps.number(last) + bytes(4))
+    for part in parts:
+        for one in read(part):
+            inbox.begins(one.first) if one.kind == HEARTBEAT else inbox.put(one)
+            rtps.acknack(WRITER, READER, inbox.base, inbox.missing(one.last), 1)
 
 
 @given(order=st.permutations(range(1, 9)), gaps=st.sets(st.integers(1, 8)))
