@@ -353,7 +353,7 @@ def _if_in(pid: int, callback: Callable[[], object]) -> None:
 def start_time(pid: int) -> int:
     """Start time of a process in clock ticks since boot, 0 if gone; with the pid a unique identifier of the process."""
     try:
-        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return 0
     return int(text.rsplit(")", 1)[1].split()[19])

@@ -45,7 +45,7 @@ def alive(identity: Identity) -> bool:
     if not identity.pid or start_time(identity.pid) != identity.start:
         return False
     try:
-        text = Path(f"/proc/{identity.pid}/stat").read_text(encoding="utf-8")
+        text = Path(f"/proc/{identity.pid}/stat").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return False
     return text.rsplit(")", 1)[1].split()[0] not in ("Z", "X")

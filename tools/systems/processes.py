@@ -59,7 +59,7 @@ class ParentProcess:
 def parent_of(pid: int) -> ParentProcess | None:
     """The parent of a process; None if it has ended, or we may not look."""
     try:
-        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
         parent = int(text.rsplit(")", 1)[1].split()[1])
         words = Path(f"/proc/{parent}/cmdline").read_bytes().decode(errors="replace").split("\0")
     except (OSError, ValueError):
