@@ -22,7 +22,7 @@ from trocar.shm.system.events import ERROR, STATUS, WARNING
 PRESS: Final = b"button"
 """The event of io's digital inputs; `component` is the name of one."""
 REMEMBERED: Final = 20
-NOBODY: Final[tuple[None, list[TopicWriter[Any]]]] = (None, [])
+NOT_SHOWN: Final[tuple[None, list[TopicWriter[Any]]]] = (None, [])
 LEVELS: Final = {STATUS: 20, WARNING: 30, ERROR: 40}
 """Of /rosout."""
 RECENT_NS: Final = 1_000_000_000
@@ -107,14 +107,14 @@ class EventTopics:
         said = [text for stamp_ns, text in self._reported if now_ns - stamp_ns < RECENT_NS]
         for refusal in self._refused:
             if not any(refusal.startswith(text) for text in said):
-                for writer in self._rows.get(b"warning", NOBODY)[1]:
+                for writer in self._rows.get(b"warning", NOT_SHOWN)[1]:
                     writer.write(String(refusal))
         self._refused.clear()
 
     def _tell(self, event: dict[str, Any], ros_ns: int, now_ns: int) -> None:
         what = bytes(event["event"])
-        kind, writers = self._buttons.get(bytes(event["component"]), NOBODY) if what == PRESS else self._rows.get(
-            what, NOBODY)
+        kind, writers = self._buttons.get(bytes(event["component"]), NOT_SHOWN) if what == PRESS else self._rows.get(
+            what, NOT_SHOWN)
         if kind is None:
             return
         message = OF_EVENT[kind](event)

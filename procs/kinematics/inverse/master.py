@@ -1,4 +1,4 @@
-"""Inverse of an MTM: its platform, of which the tip does not depend, moves only as far as the wrist's yaw needs.
+"""Inverse of an MTM: its platform, on which the tip's place does not depend, moves only as far as the yaw needs.
 
 The platform stays where it is while the yaw is at least YAW_MARGIN from its limits. Beyond, it moves by as much as
 keeps the yaw there; a yaw that is closer to a limit already goes no closer. So joints are continuous along continuous
@@ -24,7 +24,7 @@ from trocar.procs.kinematics.poses import Array, inverse
 
 ROOM: Final = 1e-5  # rad: Newton's method must not end beyond a limit
 YAW_MARGIN: Final = 0.1  # rad
-AWAY: Final = 3.0  # the platform may move by this many times the angle by which the yaw then stays out of its margin
+AWAY: Final = 3.0  # a radian of yaw inside its margin counts as this many radians of the platform's way
 PLATFORM, PITCH, YAW = 3, 4, 5
 PLATFORM_AT_REST: Final = np.delete(np.eye(7), PLATFORM, axis=1)
 
