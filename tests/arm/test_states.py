@@ -106,7 +106,7 @@ def accepted_in(state: str) -> tuple[ArmEvent, ...]:
 
 def where_to(state: str, word: str) -> str:
     published = PUBLISHED[ArmState(state)]
-    if word not in accepted_in(state):  # nothing changes: what was under way goes on
+    if word not in accepted_in(state):  # nothing changes: an earlier command continues
         return {"POWERING": "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS": "HOMED", "HOMING": "HOMED"}.get(state, state)
     if word == "disable":
         return "DISABLED"

@@ -44,7 +44,7 @@ DIFFERENCES: Final = (
     Difference(ARMS, "home( again)?|set_endoscope_type.*|(pause|disable) in a move|resume", r"\w+ messages - status",
                "[K] what changed is an event or a state; the texts that repeat it are left out"),
     Difference("psm", "ratio (0.0|-1.0|2.0|nan)", "PSM1 messages - warning",
-               "[K] who sent it gets the refusal, nobody else"),
+               "[K] only the sender gets the refusal"),
     # states
     Difference(ARMS, "home( again)?", r"\w+ events [-+] operating_state ENABLED\|(?!HOMED).*",
                "[K] is_homed is true in the final state only; stages without work for a KINEMATIC arm are not shown"),

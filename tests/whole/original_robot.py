@@ -28,9 +28,9 @@ from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 HZ: Final = 200
 """Goals of a stream in a second."""
 KEPT: Final = 300
-"""Records of a ring: more than there are in"""
+"""Records of a ring; more than there are in CHUNK_NS."""
 CHUNK_NS: Final = 250_000_000
-"""between two looks for changes of fields."""
+"""Time between two looks for changes of fields."""
 SETTLE_S: Final = 0.05
 LIMIT_S: Final = 10.0
 HOMED: Final = "ENABLED|HOMED|homed=1|busy=0"

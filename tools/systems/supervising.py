@@ -94,7 +94,7 @@ class Background:
         put_aside(self.log)
         with self.log.open("ab") as log:  # it may be emptied under the supervisor
             self.popen = subprocess.Popen(request.command(), stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                                          env=environment(), start_new_session=True,
+                                          env={**environment(), "PYTHONIOENCODING": "utf-8"}, start_new_session=True,
                                           preexec_fn=_end_with_parent if tied else None)
         self._keeper = Keeper(request.system) if tied else None
 
