@@ -35,6 +35,19 @@ def main() -> None:
                 raise TimeoutError(what)
             rclpy.spin_once(node, timeout_sec=0.05)
 
+    def insist(publisher: Any, message: Any, condition: Callable[[], object], what: str) -> None:
+        """Publish until it has its effect: ROS loses a message to a reader that does not know the publisher yet."""
+        next_s = 0.0
+
+        def is_done() -> object:
+            nonlocal next_s
+            if time.monotonic() > next_s and not condition():
+                next_s = time.monotonic() + 1.0
+                publisher.publish(message)
+            return condition()
+
+        wait(is_done, what)
+
     hear("/PSM1/measured_js", JointState)
     hear("/PSM1/measured_cp", PoseStamped)
     hear("/PSM1/goal_reached", Bool)
@@ -45,18 +58,10 @@ def main() -> None:
     wait(lambda: joints and home.get_subscription_count() and move.get_subscription_count(), "the bridge")
     wait(lambda: state, "what was told before we came")
     first = joints[0].header.stamp
-    home.publish(Empty())
-    wait(lambda: joints[-1].header.stamp.sec and state[-1].data == "HOMED", "joints that are valid")
-    here, next_s = list(joints[-1].position), 0.0
-
-    def is_there() -> bool:  # asks again as long as the arm is not homed, and refuses
-        nonlocal next_s
-        if time.monotonic() > next_s and abs(joints[-1].position[0] - here[0]) < 1e-6:
-            next_s = time.monotonic() + 1.0
-            move.publish(JointState(position=[here[0] + 0.2, *here[1:]]))
-        return abs(joints[-1].position[0] - here[0] - 0.2) < 1e-6
-
-    wait(is_there, "the move")
+    insist(home, Empty(), lambda: joints[-1].header.stamp.sec and state[-1].data == "HOMED", "joints that are valid")
+    here = list(joints[-1].position)
+    insist(move, JointState(position=[here[0] + 0.2, *here[1:]]),
+           lambda: abs(joints[-1].position[0] - here[0] - 0.2) < 1e-6, "the move")
     version = node.create_client(Trigger, "/PSM1/crtk_version")
     wait(version.service_is_ready, "the service")
     answers = [version.call_async(Trigger.Request()) for _ in range(3)]
