@@ -83,7 +83,7 @@ class AxisDrive:
             test.asker.fail(why)
 
     def step(self, now_ns: int) -> None:
-        """Called with each good sample, after the joint controllers have computed their efforts."""
+        """Called with each good sample, before the joint controllers compute their efforts."""
         if self.running:
             for robot in list(self.running):
                 self._advance(robot, self.running[robot], now_ns)
@@ -104,7 +104,7 @@ class AxisDrive:
             share, place = min(1.0, (now_ns - test.begin_ns) / test.rise_ns), axes.start + test.axis
             # above a certain speed less current, none at twice that speed: a fast axis coasts without current
             share *= min(1.0, max(0.0, 2.0 - abs(self._samples.velocity[place]) * TRAVEL_S / test.travel))
-            self._pid.effort[place] = share * test.current_a / self._robots.effort_to_current[place]
+            self._pid.effort_when_off[place] = share * test.current_a / self._robots.effort_to_current[place]
 
     def _let_go(self, robot: int, test: AxisDriveRun, now_ns: int) -> bool:
         """Release the brake; False if not requested, or already done."""
@@ -122,6 +122,6 @@ class AxisDrive:
         test.asker.done(f"{what}axis {test.axis} moved by {moved:.5g}")
 
     def _end(self, robot: int, test: AxisDriveRun) -> None:
-        self._pid.effort[self._robots.slices[robot].start + test.axis] = 0.0
+        self._pid.effort_when_off[self._robots.slices[robot].start + test.axis] = 0.0
         if test.free:
             self._brakes.engage(robot)

@@ -20,7 +20,6 @@ from trocar.procs.io.axis_drive import AxisDrive
 from trocar.procs.io.bias import Bias
 from trocar.procs.io.brakes import Brakes
 from trocar.procs.io.bus.bus_port import BusPort
-from trocar.procs.io.bus.exchange import ExchangeSettings
 from trocar.procs.io.buttons import Buttons
 from trocar.procs.io.cart_outputs import CartOutputs, SetupBrakes
 from trocar.procs.io.commands import IoCommands
@@ -28,6 +27,7 @@ from trocar.procs.io.devices import BoardDevices, Devices
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.fault_handler import FaultHandler
 from trocar.procs.io.gains import JointGains, configured_gains
+from trocar.procs.io.halves import Halves
 from trocar.procs.io.instruments import InstrumentReaders
 from trocar.procs.io.outputs import Outputs
 from trocar.procs.io.pid import Pid
@@ -38,12 +38,11 @@ from trocar.procs.io.robots import Robots, Samples
 from trocar.procs.io.safety import Safety
 from trocar.procs.io.setpoint_rings import RingSource
 from trocar.procs.io.setpoint_tracker import SetpointTracker
-from trocar.procs.io.stages import stages
 from trocar.procs.io.start import restore
 from trocar.procs.io.tasks import Tasks
 from trocar.procs.io.timing import Timing
 from trocar.procs.io.watchdogs import Watchdogs
-from trocar.procs.native.progress import BAD, CHECKED, CONTROLLED, DECODED, ENCODED, NONE, READY, SENT
+from trocar.procs.native.io_fields import LIMIT, MISSED, NOT_FINITE, STATUS, TRACKING
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
@@ -64,11 +63,6 @@ def share_of(age_ns: int) -> float:
     return min(1.0, max(0.0, (FADED_NS - age_ns) / (FADED_NS - FADES_NS)))
 
 
-def _news(stage: Callable[[], int], place: int, done: int) -> bool:
-    """Whether a stage has news: the native call stopped there (`done`), or the stage, called now, reports some."""
-    return bool(stage()) if done < place else done == place
-
-
 class RobotIo:
     """All of io except shared memory. The caller empties `reports.events` after each cycle."""
 
@@ -87,7 +81,7 @@ class RobotIo:
         outcomes of the arms' desired states.
         """
         self.io, self.record, self.reports = io, record, IoReports()
-        self.port, self._now_ns, self._is_over, self._over_ns = port, now_ns, is_over, over_ns
+        self.port, self._now_ns = port, now_ns
         self.robots = robots = Robots(io)
         if robots.board_ids != tuple(port.board_ids):
             raise ValueError(f"port has boards {port.board_ids}, the robots are on {robots.board_ids}")
@@ -118,7 +112,7 @@ class RobotIo:
                           cells, BoardDevices(self._bias, self.safety, self.digital_outputs, self.gains,
                                               self.instruments, self._axis_drive, self._cart, self._setup_brakes))
         self._commands, self._fault_handler = IoCommands(devices), FaultHandler(devices)
-        self.stages = stages(self)
+        self.halves = Halves(self, is_over, over_ns)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
@@ -128,8 +122,6 @@ class RobotIo:
         self._before_ns = self._good_ns
         period_ns = io.period_s * 1e9
         self._gap_ns, self._stable_ns = period_ns, max(STABLE_NS, PERIODS * period_ns)
-        if self.stages.bound is not None:
-            port.set_exchange(ExchangeSettings(self.stages.bound, self._oldest_ns, float(self._stable_ns), float(GAPS)))
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)
@@ -146,47 +138,35 @@ class RobotIo:
         record.calibration_mode[...] = io.calibration_mode
         if io.calibration_mode:
             self.reports.warn(codes.CALIBRATION_MODE, io.name)
-        if io.close_all_relays:
-            self.outputs.close_relays()
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
         """One cycle; the caller publishes the record afterwards, and has numpy ignore NaN and infinite values.
 
-        `commands`: () for none. In steady state, one native call does everything from the sample to the write; from a
-        stage with news on, the cycle continues step by step, with the same result.
+        `commands`: () for none. In steady state, Python only passes from one half (procs/io/halves.py) to the other.
         """
         read_ns = self._now_ns()
         self.port.ask_all()
         # Setpoints are taken while the boards sample: that takes no time between read and write.
-        news = self.stages.track(read_ns)
+        news = self.halves.track(read_ns)
         if news & ~self.follow.desired_bit:
             self.follow.receive(read_ns, news)
         self.desired.has_news = news >= self.follow.desired_bit and self.desired.are_new()
-        is_steady = not commands and self._is_steady_state()
-        if is_steady:
-            done = self.port.answer(self._good_ns, self.power.wake_ns, self._over_ns(), self._gap_ns)
-        else:
-            done = NONE if self.port.read_all() else BAD
-        self.good = good = done != BAD
+        is_busy = bool(commands) or self._is_busy()
+        bits = self.halves.receive_and_check()
+        self.good = good = not bits & MISSED
         now_ns = self.stamp_ns = self.port.recv_ns if good else self._now_ns()
         if good:
             self._before_ns, self._good_ns = self._good_ns, now_ns
             self._gap_ns += (min(now_ns - self._before_ns, self._oldest_ns) - self._gap_ns) / GAPS
+        if bits or is_busy or now_ns >= self.power.wake_ns or self.port.away.tobytes() != self._nobody:
+            self._decide(bits, commands, now_ns)
+        else:
+            self._whole_ns = now_ns
         # new efforts will stay about as long as the previous ones: the longer, the smaller the share
         share = min(1.0, self._stable_ns / self._gap_ns)
         if not good:
             share *= share_of(now_ns - self._good_ns)
-        if done == NONE and is_steady and now_ns < self.power.wake_ns:
-            done = self.stages.at_once(share)
-        is_finite = True
-        if done < READY:
-            self._step_by_step(good, commands, now_ns, done)
-            is_finite = done != ENCODED and bool(self.stages.encode(share, self.outputs.has_one_shot))
-        if done != SENT:
-            self._write()
-        if done >= READY:
-            self._whole_ns = now_ns
-        if not is_finite:
+        if self.halves.control_and_send(share, good) & NOT_FINITE:
             self._not_finite(now_ns)
         self._setup_brakes.step(now_ns)
         self._cart.step(now_ns)
@@ -195,25 +175,18 @@ class RobotIo:
         if self.instruments.running:
             self.instruments.step(good, now_ns)
 
-    def _write(self) -> None:
-        if self._is_over():  # the efforts are outdated, and so are switch-on commands
-            self.outputs.all_off()
-            self.stages.encode(0.0, self.outputs.has_one_shot)
-        self.port.write_all()
-        self.outputs.written()
-
-    def _is_steady_state(self) -> bool:
-        """Whether only the sample can have an effect in this cycle."""
+    def _is_busy(self) -> bool:
+        """Whether something besides the sample can have an effect in this cycle."""
         power, safety = self.power, self.safety
-        return self._is_whole and self.port.away.tobytes() == self._nobody and not (
-            self._tasks or self.desired.has_news or self._commands.waits or self.reports.trips or power.changed
-            or safety.counting or safety.set_encoder_zero or self._brakes.busy or self._bias.running
-            or self._axis_drive.running or self.outputs.has_one_shot)
+        return bool(not self._is_whole or self._tasks or self.desired.has_news or self._commands.waits
+                    or self.reports.trips or power.changed or safety.counting or safety.set_encoder_zero
+                    or self._brakes.busy or self._bias.running or self._axis_drive.running or self._watchdogs.busy)
 
-    def _step_by_step(self, good: bool, commands: Iterable[Request], now_ns: int, done: int) -> None:
-        """From the sample to the efforts, except the stages that are `done`."""
+    def _decide(self, bits: int, commands: Iterable[Request], now_ns: int) -> None:
+        """What to do about the sample and the commands, before the joint controllers."""
+        good = not bits & MISSED
         if good:
-            self._look(now_ns, done)
+            self._look(bits, now_ns)
         else:
             self._missed(now_ns)
         self._show_validity(good, now_ns)
@@ -221,23 +194,32 @@ class RobotIo:
         if self.reports.trips:
             self._fault_handler.act(now_ns)
         self._commands.answer()  # only now: a fault in this cycle may have undone a command
-        if good:
-            self._control(now_ns, done)
+        if not good:
+            return
+        if self._tasks is not None:
+            self._tasks.step(now_ns)
+        if bits & TRACKING or commands or self.desired.has_news:  # which may have changed the tolerances
+            self._judge_tracking()
+        if self.reports.trips:
+            self._fault_handler.act(now_ns)
+        self._axis_drive.step(now_ns)
 
-    def _look(self, now_ns: int, done: int) -> None:
-        """Decode a good sample and check it."""
+    def _look(self, bits: int, now_ns: int) -> None:
+        """Examine the news of a good sample."""
         if self._lost:
             self._lost = False
             self.reports.status("communication with the controllers restored")
             back = ~self.port.away
             self._bias.forget(restore(self.robots, self.port, self._watchdogs, self.digital_outputs, back, now_ns))
         power, safety = self.power, self.safety
-        if _news(self.stages.decode, DECODED, done) or now_ns >= power.wake_ns:
+        if bits & STATUS or now_ns >= power.wake_ns:
             power.step(now_ns)
+        is_beyond = bits & LIMIT
         if power.changed:
             power.changed = False
             safety.refresh(power.reached)
-        if _news(self.stages.check, CHECKED, done) or safety.counting:
+            is_beyond = safety.check()
+        if is_beyond or safety.counting:
             safety.examine(now_ns)
         for robot in safety.set_encoder_zero:
             self._bias.zero(robot)
@@ -322,21 +304,18 @@ class RobotIo:
         self._bad_by_board = counts.copy()
         return tuple(self.robots.board_ids[row] for row in rows)
 
-    def _control(self, now_ns: int, done: int) -> None:
-        """In-cycle tasks and the joint controllers, on the sample of this cycle."""
-        if self._tasks is not None:
-            self._tasks.step(now_ns)
-        beyond = _news(self.stages.control, CONTROLLED, done)
-        tripped = self.pid.beyond(self.follow.returns(self.samples.position)) if beyond else None
-        if tripped is not None:
-            for robot, axes in enumerate(self.robots.slices):
-                if tripped[axes].any():
-                    axis = int(np.argmax(tripped[axes]))
-                    self.reports.trip(codes.TRACKING, robot, axis, float(self.record.position_error[axes][axis]),
-                                      float(self.pid.tolerance[axes][axis]), also(tripped[axes]))
-        if self.reports.trips:
-            self._fault_handler.act(now_ns)
-        self._axis_drive.step(now_ns)
+    def _judge_tracking(self) -> None:
+        """Trip on tracking errors beyond their tolerances."""
+        pid, position = self.pid, self.samples.position
+        tripped = pid.beyond(self.follow.returns(position)) if pid.compare(position) else None
+        if tripped is None:
+            return
+        errors = np.copysign(pid.excess, pid.setpoint_position - position)
+        for robot, axes in enumerate(self.robots.slices):
+            if tripped[axes].any():
+                axis = int(np.argmax(tripped[axes]))
+                self.reports.trip(codes.TRACKING, robot, axis, float(errors[axes][axis]),
+                                  float(pid.tolerance[axes][axis]), also(tripped[axes]))
 
     def _not_finite(self, now_ns: int) -> None:
         """An effort that was not finite was sent as 0 A; switch off its robot."""
@@ -354,7 +333,7 @@ class RobotIo:
         if counters.stray != self._strays:
             self._strays = counters.stray
             self._report_stranger(now_ns)
-        if good and (self.stages.show() or self.buttons.debounce.is_first):
+        if good and (self.halves.show() or self.buttons.debounce.is_first):
             self.buttons.settle((now_ns - self._before_ns) * 1e-9)
         self._cycles += 1
         record.cycle[...] = self._cycles
@@ -388,7 +367,7 @@ class RobotIo:
         self.pid.effort.fill(0.0)
         for _ in range(FAREWELLS):
             self.outputs.all_off()
-            self.outputs.encode(1.0, self.outputs.has_one_shot)
+            self.outputs.encode(1.0)
             self.port.write_all()
             self.outputs.written()
         self._setup_brakes.shutdown()

@@ -62,7 +62,8 @@ class DigitalOutputs:
     def _set_up(self, place: int) -> None:
         output = self._outputs[place]
         if not output.is_pwm and (output.high_s or output.low_s):
-            self._configure(output, _counts(output.high_s), _counts(output.low_s))
+            for _ in range(WRITES):
+                self._configure(output, _counts(output.high_s), _counts(output.low_s))
 
     def restore(self, rows: Flags) -> None:
         """These boards (by row) may be as after power-up: write the kept values there again."""

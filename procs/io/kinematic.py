@@ -24,6 +24,7 @@ from trocar.procs.io.commands import IoCommands
 from trocar.procs.io.devices import Devices
 from trocar.procs.io.fault_handler import FaultHandler
 from trocar.procs.io.gains import JointGains, configured_gains
+from trocar.procs.io.halves import track
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.power import KinematicPower
 from trocar.procs.io.record import Field, Flags, Floats, IoRecord
@@ -31,7 +32,6 @@ from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots
 from trocar.procs.io.setpoint_rings import RingSource
 from trocar.procs.io.setpoint_tracker import SetpointTracker
-from trocar.procs.io.stages import track
 from trocar.procs.node.requests import Request
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
 
@@ -63,7 +63,7 @@ class KinematicIo:
         self.follow = SetpointTracker(io, robots, record, self.pid, record, self.reports, sources)
         self._power = KinematicPower(robots, record, self.reports, self.follow, self.pid)
         self.desired = ArmRequests(robots, record, self.follow, report)
-        self._track = track(self)
+        self._track, _ = track(self)
         devices = Devices(robots, record, self.reports, self.follow, self.pid, self._power, Brakes(robots, record),
                           self.desired, cells or [NoFaults() for _ in robots.names])
         self._commands, self._fault_handler = IoCommands(devices), FaultHandler(devices)
@@ -93,7 +93,7 @@ class KinematicIo:
             self._fault_handler.act(now_ns)
         self._commands.answer()
         self._move(now_ns)
-        self.pid.step(record.position, record.velocity, self.follow.returns(record.position))
+        self.pid.control(record.position, record.velocity)
         self._cycles += 1
         record.cycle[...] = self._cycles
         record.read_ns[...] = record.recv_ns[...] = now_ns

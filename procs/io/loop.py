@@ -53,7 +53,7 @@ class IoLoop(runtime.Loop):
             self._core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
                                  instruments=self._others["instruments"].field, cells=cells, is_over=node.is_over,
                                  over_ns=node.over_ns, report=report)
-            node.computes(self._core.stages.why_numpy)
+            node.computes(self._core.halves.why_numpy)
         self._subscriptions, bits = node.subscriptions, node.subscriptions.bits
         self._parts = ((bits("state", "software_velocity"), SOFTWARE_VELOCITY),
                        (bits("state", "acceleration"), ACCELERATION))

@@ -10,9 +10,9 @@ Per actuator with measured p, v and setpoint sp, fv:
     f = u + offset + feed-forward + contribution, clamped to the effort limits
 
 The contribution is what in-cycle tasks add. In effort mode f = requested effort + feed-forward + contribution. A
-disabled actuator has f = 0 and its setpoint follows p, so that enabling starts without a step. Enabling clears
-integral, observer and velocity filter. A value that is not finite counts as a tracking error, and an effort that is not
-finite is replaced by 0.
+disabled actuator has f = 0 (or the effort of a test that drives it directly) and its setpoint follows p, so that
+enabling starts without a step. Enabling clears integral, observer and velocity filter. A value that is not finite
+counts as a tracking error, and an effort that is not finite is replaced by 0.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Pid:
     """State and gains of n actuators. Inputs and results are arrays (n,) that are allocated once.
 
     A caller writes `setpoint_position`, `setpoint_velocity`, `requested_effort` and `feed_forward`, sets modes through
-    the methods, calls `control` once a cycle, and reads `effort`, `position_error` and `disturbance`.
+    the methods, calls `compare` and `control` once a cycle, and reads `effort`, `position_error` and `disturbance`.
     """
 
     def __init__(
@@ -62,6 +62,7 @@ class Pid:
         self.effort_mode: Flags = memory[5]
         self.requested_effort, self.feed_forward = np.zeros(n), np.zeros(n)
         self.contribution = np.zeros(n)  # from in-cycle tasks, if there are any
+        self.effort_when_off = np.zeros(n)  # of tests of single axes
         self.enabled: Flags = np.zeros(n, dtype=bool)
         self.integral = np.zeros(n)
         limited = effort_limit > 0.0
@@ -143,7 +144,7 @@ class Pid:
         self.enabled[axes] = self.controlled[axes] & on
         for each in (self.integral, self.disturbance, self.observer_input, self.observer_state, self.filtered,
                      self.has_velocity, self.feed_forward, self.requested_effort, self.setpoint_velocity,
-                     self.position_error, self.effort):
+                     self.position_error, self.effort, self.effort_when_off):
             each[axes] = 0.0
         self.effort_mode[axes] = False
         self.setpoint_position[axes] = position[axes]
@@ -180,15 +181,18 @@ class Pid:
         self.allowed[...] = np.where(watched, self.tolerance, np.inf)
         self._set_switches()
 
-    def step(self, position: Floats, velocity: Floats, exempt: Flags) -> Flags | None:
-        """`control`, then `beyond`."""
-        return self.beyond(exempt) if self.control(position, velocity) else None
+    def compare(self, position: Floats) -> bool:
+        """Compare the tracking errors at the measured positions (n,) with their tolerances; True: call `beyond`."""
+        e = self._b
+        np.subtract(self.setpoint_position, position, e)
+        np.less_equal(self._dead_band(e, self.excess), self.allowed, self.within)
+        return b"\0" in self.within.tobytes()
 
-    def control(self, position: Floats, velocity: Floats) -> bool:
-        """One cycle on the measured values (n,): fills `effort` and `position_error`; True: call `beyond`."""
+    def control(self, position: Floats, velocity: Floats) -> None:
+        """One cycle on the measured values (n,): fills `effort` and `position_error`."""
         e, u = self.position_error, self._f
         np.subtract(self.setpoint_position, position, e)
-        np.less_equal(self._dead_band(e), self.allowed, self.within)
+        self._dead_band(e, self._b)
         if self._any_effort:
             np.copyto(e, self._zero, where=self.effort_mode)
         ve = self._velocity_error(velocity)
@@ -212,10 +216,9 @@ class Pid:
         np.minimum(f, self.effort_limit, out=f)
         np.maximum(f, self._minus_effort, out=f)
         self._finish(position, u)
-        return b"\0" in self.within.tobytes()
 
     def beyond(self, exempt: Flags) -> Flags | None:
-        """None, or flags (n,) of actuators whose tracking error (after the dead-band) is above its tolerance.
+        """None, or flags (n,) of actuators whose compared tracking error (after the dead-band) is above its tolerance.
 
         Actuators may be `exempt`, except from an error that is not a number. The caller switches off.
         """
@@ -223,9 +226,11 @@ class Pid:
         beyond &= ~(exempt & np.isfinite(self.excess))
         return beyond if bool(np.any(beyond)) else None
 
-    def _dead_band(self, e: Floats) -> Floats:
-        """Shorten the errors `e` in place; returns their magnitude. Fills `_inside`, where there is any dead-band."""
-        a, excess = self._a, self.excess
+    def _dead_band(self, e: Floats, excess: Floats) -> Floats:
+        """Shorten the errors `e` in place; returns their magnitude, in `excess`. Fills `_inside`, where there is any
+        dead-band.
+        """
+        a = self._a
         if not self._dead:
             return np.absolute(e, excess)
         np.absolute(e, a)
@@ -290,14 +295,14 @@ class Pid:
             np.add(u, self.disturbance, u)
 
     def _finish(self, position: Floats, u: Floats) -> None:
-        """Zero the efforts of actuators that are disabled or not finite; store the values for the observer."""
+        """Set the efforts of actuators that are disabled or not finite; store the values for the observer."""
         f = self.effort
         if self._observes:
             np.minimum(u, self.effort_limit, out=u)
             np.maximum(u, self._minus_effort, out=u)
             np.copyto(self.observer_input, u)
         if self._any_off:
-            np.copyto(f, self._zero, where=self.off)
+            np.copyto(f, self.effort_when_off, where=self.off)
             np.copyto(self.position_error, self._zero, where=self.off)
             np.copyto(self.setpoint_position, position, where=self.off)
             self._rest(self.off)

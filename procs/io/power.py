@@ -87,6 +87,8 @@ class Power:
         self.reached: Flags = np.zeros(len(robots.names), dtype=bool)  # all amplifiers have been on
         self.not_preloaded: list[int] = []  # robots whose dRA1 enables no amplifier until their encoders are preloaded
         self._preload_ns = 0
+        self._to_close: Flags = np.full(n_boards, robots.io.close_all_relays)  # boards whose relay has not closed yet
+        self._close_ns = 0
         self.changed = False  # limits that depend on power need a refresh
 
     def on(self, robot: int, now_ns: int) -> str:
@@ -129,6 +131,7 @@ class Power:
             if record.power_requested[other]:
                 free &= ~robots.on_board[other]
         self._outputs.cut_power(free, open_relays)
+        self._to_close[free] &= not open_relays
         self.wake_ns, self.changed = 0, True
         if was_on:
             self._reports.status("power off", robots.names[robot])
@@ -148,6 +151,7 @@ class Power:
         self.wake_ns = FOR_EVER_NS
         self.changed = True
         self._look_for_preloads(now_ns)
+        self._close_relays(now_ns)
         for robot in range(len(self._supplies)):
             self._show(robot)
             if self._record.power_requested[robot]:
@@ -170,6 +174,16 @@ class Power:
             self._preload_ns = now_ns + RETRY_NS
             self.not_preloaded += np.flatnonzero((self._robots.on_board & rows).any(axis=1)).tolist()
         self._wake_at(self._preload_ns)
+
+    def _close_relays(self, now_ns: int) -> None:
+        """Close all relays after the start, if configured: again every 0.1 s until the boards show it."""
+        self._to_close &= (self.now & np.uint32(registers.STATUS_RELAY)) == 0
+        if not self._to_close.any():
+            return
+        if now_ns >= self._close_ns:
+            self._close_ns = now_ns + RETRY_NS
+            self._outputs.close_relays(self._to_close)
+        self._wake_at(self._close_ns)
 
     def _show(self, robot: int) -> None:
         """Set the flags of the record: good flags need every board, bad ones any board."""

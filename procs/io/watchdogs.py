@@ -48,6 +48,11 @@ class Watchdogs:
             self._reports.warn(codes.WATCHDOG_UNCONFIRMED, self._robots.io.name, boards=boards)
             self._next_ns = now_ns + RETRY_NS
 
+    @property
+    def busy(self) -> bool:
+        """Whether `step` has something to do, now or later."""
+        return self._next_ns != FOR_EVER_NS
+
     def step(self, now_ns: int) -> None:
         """Try the next unconfirmed board, in turn: one per call, as a try takes up to a cycle's time."""
         if now_ns < self._next_ns:

@@ -1,4 +1,4 @@
-"""The arrays of a query, a write, and the call between them: `HubBlocks`, `Groups` and `Exchange` of procs/io/bus."""
+"""The arrays of a query, a write, and the calls of a cycle: `HubBlocks`, `Groups` and `Exchange` of procs/io/bus."""
 
 from __future__ import annotations
 
@@ -41,14 +41,13 @@ NOTHING: Final = -2
 """No datagram has come yet."""
 
 EXCHANGE: Final = CStruct("Exchange", (
-    # addresses of the structs of io's stages, of the received and of the sent data
+    # addresses of the structs of io's halves, of the received and of the sent data
     *rows("i8", "", io="io", hub="hub_address", write="write_address"),
-    # the expected reply: its size, that of its data, its sender; and the permitted uses of a sample
-    *rows("i8", "", reply_bytes="reply_bytes", data_bytes="data_bytes", hub_node="hub_node", oldest_ns="oldest_ns",
-          labels="labels", head_bytes="head_bytes"),
-    *rows("f8", "", stable_ns="stable_ns", gaps="gaps"),
+    # the expected reply: its size, that of its data, its sender
+    *rows("i8", "", reply_bytes="reply_bytes", data_bytes="data_bytes", hub_node="hub_node", labels="labels",
+          head_bytes="head_bytes"),
     # control word and headers of a write with each label
     *rows("u1", "labels head_bytes", heads="heads"),
     # size and time of the reply, and time of the write
     *rows("i8", "3", came="came"),
-), {"answer": ("i8", "i8", "i8", "i8", "i8", "i8", "i8", "i8", "f8")})
+), {"receive_and_check": ("i8", "i8", "i8", "i8"), "control_and_send": ("i8", "i8", "f8", "i8", "i8")})

@@ -1,4 +1,4 @@
-/* From the boards' reply to the write that answers it, as procs/io/bus/exchange.py and procs/io/cycle.py do it. */
+/* The halves of io's cycle with the system calls: from the boards' reply to its check, and from control to the write. */
 #define _GNU_SOURCE
 #include "fields.h"
 #include "numeric.h"
@@ -48,17 +48,18 @@ static int send_all(const Exchange *k, const Write *write, int fd, int64_t label
   return 1;
 }
 
-/* Receive, do all stages, send: how far that got. BAD: what came, if anything, is not what was asked for with `tl`. */
-int64_t Exchange_answer(const Exchange *k, int64_t fd, int64_t tl, int64_t label, int64_t timeout_ms, int64_t spin_ns,
-                        int64_t good_ns, int64_t wake_ns, int64_t over_ns, double gap_ns) {
+/* Receive and check. MISSED: what came, if anything, is not what was asked for with `tl`. */
+int64_t Exchange_receive_and_check(const Exchange *k, int64_t fd, int64_t tl, int64_t timeout_ms, int64_t spin_ns) {
   const Hub *hub = (const Hub *)(intptr_t)k->hub;
   int64_t size = k->came[SIZE] = receive(hub, (int)fd, timeout_ms, spin_ns);
-  int64_t now_ns = k->came[RECEIVED_NS] = time_ns(CLOCK_MONOTONIC);
-  if (!is_wanted(k, hub, size, tl)) return BAD;
-  if (now_ns >= wake_ns) return NONE;
-  int64_t age_ns = now_ns - good_ns < k->oldest_ns ? now_ns - good_ns : k->oldest_ns;
-  gap_ns += ((double)age_ns - gap_ns) / k->gaps;
-  int64_t done = Io_at_once((const Io *)(intptr_t)k->io, least_of(1.0, k->stable_ns / gap_ns));
-  if (done != READY || time_ns(CLOCK_BOOTTIME) > over_ns) return done;
-  return send_all(k, (const Write *)(intptr_t)k->write, (int)fd, label) ? SENT : READY;
+  k->came[RECEIVED_NS] = time_ns(CLOCK_MONOTONIC);
+  return is_wanted(k, hub, size, tl) ? Io_decode_and_check((const Io *)(intptr_t)k->io) : MISSED;
+}
+
+/* Control and send, with SENT if that worked; nothing is sent from `over_ns` on. */
+int64_t Exchange_control_and_send(const Exchange *k, int64_t fd, int64_t label, double share, int64_t has_sample,
+                                  int64_t over_ns) {
+  int64_t bits = Io_control_and_encode((const Io *)(intptr_t)k->io, share, has_sample);
+  if (time_ns(CLOCK_BOOTTIME) > over_ns) return bits;
+  return send_all(k, (const Write *)(intptr_t)k->write, (int)fd, label) ? bits | SENT : bits;
 }

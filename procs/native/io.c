@@ -1,4 +1,4 @@
-/* io's stages. Each function is the method of the same name in procs/io, over the same arrays, to the bit. */
+/* The halves of io's cycle: the methods of the same name in procs/io/halves.py, over the same arrays, to the bit. */
 #include "fields.h"
 #include "numeric.h"
 #include <string.h>
@@ -94,8 +94,8 @@ static int watch(const Io *k) {
          || memcmp(k->values + AMP_ON * k->d, k->amps_before, sizeof(double) * k->d);
 }
 
-/* Blocks to SI units; 1: status words or amplifiers are not as they were. */
-int64_t Io_decode(const Io *k) {
+/* Blocks to SI units. */
+static void decode(const Io *k) {
   for (int64_t i = 0; i < ROWS * k->d; i++) {
     uint32_t word = k->blocks[k->index[i]] >> k->shift[i] & k->mask[i];
     k->words[i] = word;
@@ -109,14 +109,14 @@ int64_t Io_decode(const Io *k) {
   if (k->any_software) estimate_softly(k);
   for (int64_t i = 0; i < k->n; i++)
     k->velocity[i] = k->software[i] ? k->software_velocity[i] : k->predicted[i] * k->position_scale[i];
-  return watch(k);
 }
 
-/* -- check: procs/io/safety.py --------------------------------------------------------------------------------------*/
+/* -- check: procs/io/power.py, procs/io/safety.py, procs/io/pid.py --------------------------------------------------*/
 
 /* 1: something is beyond its limit. */
-int64_t Io_check(const Io *k) {
-  int64_t sampled = LIMITED * k->d, all = k->limit_rows * k->d, beyond = 0;
+static int check(const Io *k) {
+  int64_t sampled = LIMITED * k->d, all = k->limit_rows * k->d;
+  int beyond = 0;
   for (int64_t i = 0; i < sampled; i++) k->magnitude[i] = fabs(k->values[i]);
   for (int64_t i = sampled; i < all; i++)
     k->magnitude[i] = fabs(k->values[CURRENT * k->d + i - sampled] - k->current_request[i - sampled]);
@@ -124,34 +124,54 @@ int64_t Io_check(const Io *k) {
   return beyond;
 }
 
-/* -- control: procs/io/pid.py --------------------------------------------------------------------------------------*/
-
 enum { DEAD_BAND, SOFT, FILTERS, INTEGRATES, OBSERVES, LIMITS_OUTPUT, OFFSET, ANY_OFF, ANY_EFFORT, CONTRIBUTION };
+
+/* An error's magnitude after the dead-band. */
+static double excess_of(const Io *k, int64_t i, double error) {
+  double excess = fabs(error);
+  if (!k->switches[DEAD_BAND]) return excess;
+  excess = most_of(excess - k->pid_p_deadband[i], 0.0);
+  if (k->switches[SOFT]) {  // x²(3 − 2x) rises from 0 to 1 between the dead-bands
+    double x = fmin(excess * k->per_width[i], 1.0);
+    excess = excess * x * x;
+    excess = excess * (x * -2.0 + 3.0);
+  }
+  return excess;
+}
+
+/* 1: a tracking error is beyond its tolerance. */
+static int compare(const Io *k) {
+  const double *position = k->values + POSITION * k->d;
+  int beyond = 0;
+  for (int64_t i = 0; i < k->n; i++) {
+    k->excess[i] = excess_of(k, i, k->setpoint[i] - position[i]);
+    beyond |= !(k->within[i] = k->excess[i] <= k->allowed[i]);
+  }
+  return beyond;
+}
+
+int64_t Io_decode_and_check(const Io *k) {
+  decode(k);
+  return (watch(k) ? STATUS : 0) | (check(k) ? LIMIT : 0) | (compare(k) ? TRACKING : 0);
+}
+
+/* -- control: procs/io/pid.py --------------------------------------------------------------------------------------*/
 
 static void rest(const Io *k, int64_t i) {
   k->integral[i] = k->disturbance[i] = k->observer_input[i] = k->observer_state[i] = 0.0;
 }
 
-/* The joint controllers of all actuators; 1: an error is beyond its tolerance. */
-int64_t Io_control(const Io *k) {
+/* The joint controllers of all actuators. */
+static void control(const Io *k) {
   const int64_t *is = k->switches;
   const double *position = k->values + POSITION * k->d, *velocity = k->velocity;
-  int64_t beyond = 0;
   for (int64_t i = 0; i < k->n; i++) {
     int off = is[ANY_OFF] && k->off[i], in_effort = is[ANY_EFFORT] && k->effort_mode[i], inside = 0;
-    double error = k->setpoint[i] - position[i], excess = fabs(error);
+    double error = k->setpoint[i] - position[i];
     if (is[DEAD_BAND]) {
-      inside = excess < k->pid_p_deadband[i];
-      excess = most_of(excess - k->pid_p_deadband[i], 0.0);
-      if (is[SOFT]) {  // x²(3 − 2x) rises from 0 to 1 between the dead-bands
-        double x = fmin(excess * k->per_width[i], 1.0);
-        excess = excess * x * x;
-        excess = excess * (x * -2.0 + 3.0);
-      }
-      error = copysign(excess, error);
+      inside = fabs(error) < k->pid_p_deadband[i];
+      error = copysign(excess_of(k, i, error), error);
     }
-    k->excess[i] = excess;
-    beyond |= !(k->within[i] = excess <= k->allowed[i]);
     if (in_effort) error = 0.0;
 
     double feed = k->feed[i];
@@ -182,7 +202,7 @@ int64_t Io_control(const Io *k) {
     effort = clamped(effort, k->effort_limit[i]);
     if (is[OBSERVES]) k->observer_input[i] = clamped(u, k->effort_limit[i]);
 
-    if (off) effort = error = 0.0;
+    if (off) effort = k->effort_when_off[i], error = 0.0;
     if (off || in_effort) {
       k->setpoint[i] = position[i];
       if (is[INTEGRATES] || is[OBSERVES]) rest(k, i);
@@ -194,14 +214,13 @@ int64_t Io_control(const Io *k) {
     k->error[i] = error;
     k->effort[i] = effort;
   }
-  return beyond;
 }
 
 /* -- encode: procs/io/outputs.py -----------------------------------------------------------------------------------*/
 
 /* A share of the efforts, and the brakes' currents, to words for the boards; 0: some effort was not finite. */
-int64_t Io_encode(const Io *k, double share, int64_t has_one_shot) {
-  int64_t finite = 1;
+static int encode(const Io *k, double share) {
+  int finite = 1;
   for (int64_t i = 0; i < k->d; i++) {
     double current = i < k->n ? k->effort[i] * k->effort_to_current[i] : k->brake_current[i - k->n];
     if (i < k->n && share != 1.0) current *= share;
@@ -215,19 +234,13 @@ int64_t Io_encode(const Io *k, double share, int64_t has_one_shot) {
     k->out_words[i] = ((int64_t)bits & 0xFFFF) | k->out_flags[i];
     k->out[k->out_index[i]] = (uint32_t)k->out_words[i];
   }
-  for (int64_t b = 0; b < k->boards; b++)
-    k->out[(b + 1) * k->out_columns - 1] = has_one_shot ? k->control_once[b] : k->control_standing[b];
+  for (int64_t b = 0; b < k->boards; b++) k->out[(b + 1) * k->out_columns - 1] = k->control[b];
   return finite;
 }
 
-/* -- at_once: procs/io/stages.py -----------------------------------------------------------------------------------*/
-
-/* Four stages, up to the first with news: which that is. */
-int64_t Io_at_once(const Io *k, double share) {
-  if (Io_decode(k)) return DECODED;
-  if (Io_check(k)) return CHECKED;
-  if (Io_control(k)) return CONTROLLED;
-  return Io_encode(k, share, 0) ? READY : ENCODED;
+int64_t Io_control_and_encode(const Io *k, double share, int64_t has_sample) {
+  if (has_sample) control(k);
+  return encode(k, share) ? 0 : NOT_FINITE;
 }
 
 /* -- show: procs/io/robots.py, procs/io/digital_outputs.py, procs/io/buttons.py ------------------------------------*/

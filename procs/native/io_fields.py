@@ -1,4 +1,4 @@
-"""The arrays of io's stages, from `RobotIo`. n: actuators, d: drives, i.e. actuators and brakes."""
+"""The arrays of the halves of io's cycle, from `RobotIo`. n: actuators, d: drives, i.e. actuators and brakes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,15 @@ from typing import Final
 
 from trocar.procs.document.gains import GAINS
 from trocar.procs.native.fields import CStruct, places, rows
+
+MISSED: Final = 1
+STATUS: Final = 2
+LIMIT: Final = 4
+TRACKING: Final = 8
+"""Bits of `Halves.receive_and_check` (procs/io/halves.py)."""
+NOT_FINITE: Final = 1
+SENT: Final = 2
+"""Bits of `Halves.control_and_send`; SENT: the native library has sent the words."""
 
 IO: Final = CStruct("Io", (
     *rows("i8", "", n="robots.axes", d="robots.drives", boards="robots.board_count", columns="port.columns.count",
@@ -45,8 +54,9 @@ IO: Final = CStruct("Io", (
     *rows("i8", "10", switches="pid.switches"),
     *rows("f8", "n", setpoint="pid.setpoint_position", feed="pid.setpoint_velocity", effort="pid.effort",
           error="pid.position_error", requested="pid.requested_effort", feed_forward="pid.feed_forward",
-          contribution="pid.contribution", integral="pid.integral", disturbance="pid.disturbance",
-          observer_input="pid.observer_input", observer_state="pid.observer_state", filtered="pid.filtered",
+          contribution="pid.contribution", effort_when_off="pid.effort_when_off", integral="pid.integral",
+          disturbance="pid.disturbance", observer_input="pid.observer_input", observer_state="pid.observer_state",
+          filtered="pid.filtered",
           has_velocity="pid.has_velocity", allowed="pid.allowed", excess="pid.excess",
           per_width="pid.per_width", share_old="pid.share_old", output_limit="pid.output_limit",
           momentum="pid.momentum", observer_rate="pid.rate", effort_limit="pid.effort_limit"),
@@ -60,7 +70,7 @@ IO: Final = CStruct("Io", (
     *places("d", "boards out_columns", out_index="outputs.index"),
     *rows("i8", "d", out_flags="outputs.flags", out_words="outputs.words"),
     *rows("u4", "boards out_columns", out="port.out"),
-    *rows("u4", "boards", control_standing="outputs.standing", control_once="outputs.once"),
+    *rows("u4", "boards", control="outputs.control"),
     # show: the rest of the record
     *rows("f8", "n", position="record.position", firmware_velocity="record.firmware_velocity",
           acceleration="record.acceleration", measured_effort="record.effort", shown_pot="record.pot_position",
@@ -80,7 +90,7 @@ IO: Final = CStruct("Io", (
     *rows("u4", "outputs", output_bit="digital_outputs.bit"),
     *rows("b1", "outputs", output_unseen="digital_outputs.unseen", output_written="digital_outputs.written",
           output="record.output"),
-), {"decode": (), "check": (), "control": (), "encode": ("f8", "i8"), "show": (), "at_once": ("f8",)})
+), {"decode_and_check": (), "control_and_encode": ("f8", "i8"), "show": ()})
 
 TRACK: Final = CStruct("Track", (
     *rows("i8", "", n="robots.axes", robots="robots.count", followers="follow.count", timeout_ns="follow.timeout_ns",

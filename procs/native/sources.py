@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Final
 
 from trocar.procs.fpga import blocks, registers, wire
-from trocar.procs.native import bus_fields, pace_fields, progress
+from trocar.procs.native import bus_fields, io_fields, pace_fields
 from trocar.procs.native.arm_fields import ARM
 from trocar.procs.native.boards_fields import BOARDS
 from trocar.procs.native.bus_fields import EXCHANGE, HUB, WRITE
@@ -25,7 +25,7 @@ def _named(module: ModuleType, names: str, prefix: str = "") -> dict[str, int | 
 
 
 CONSTANTS: Final = {
-    **_named(progress, "BAD NONE DECODED CHECKED CONTROLLED ENCODED READY SENT"),
+    **_named(io_fields, "MISSED STATUS LIMIT TRACKING NOT_FINITE SENT"),
     **_named(bus_fields, "NOTHING UNREADABLE"),
     **_named(wire, "BLOCK_RESPONSE HOST_ID"),
     **_named(blocks, "KINDS SCALARS"),

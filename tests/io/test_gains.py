@@ -13,6 +13,7 @@ from annotated_types import Ge, Gt, Le
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.io.harness import pid_step
 from trocar.procs.config.models.pid_file import PidKeys
 from trocar.procs.config.read.validate import fields_of
 from trocar.procs.document.gains import GAINS, changed, value_of
@@ -35,7 +36,7 @@ def enabled(*rows: PidAxis) -> Pid:
 def step(pid: Pid, setpoint: float, velocity: float = 0.0) -> float:
     pid.setpoint_position[:] = setpoint
     n = len(pid.gains)
-    pid.step(np.zeros(n), np.full(n, velocity), np.zeros(n, dtype=bool))
+    pid_step(pid, np.zeros(n), np.full(n, velocity), np.zeros(n, dtype=bool))
     return float(pid.effort[0])
 
 
@@ -144,6 +145,6 @@ def test_a_new_tolerance_counts_from_the_next_step() -> None:
     pid = enabled(row)
     pid.check_tracking(ALL, True)
     pid.setpoint_position[:] = 0.1
-    assert pid.step(np.zeros(1), np.zeros(1), NOWHERE) is None
+    assert pid_step(pid, np.zeros(1), np.zeros(1), NOWHERE) is None
     pid.configure({0: changed(row, ["p_measured_setpoint_tolerance"], [0.05], running=True)}, np.zeros(1))
-    assert pid.step(np.zeros(1), np.zeros(1), NOWHERE) is not None
+    assert pid_step(pid, np.zeros(1), np.zeros(1), NOWHERE) is not None

@@ -12,7 +12,6 @@ from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import IoHarness, robot
 from trocar.procs.config import load_system
 from trocar.procs.document.system import Brake, Linear
-from trocar.procs.native.progress import NONE
 
 AMOUNT_A, LAST_S = 0.5, 10 / 1024
 
@@ -96,14 +95,14 @@ def test_only_the_robot_with_the_difference_loses_power() -> None:
 
 def test_a_difference_that_is_not_a_number_is_one() -> None:
     harness = powered()
-    decode = harness.core.stages.decode
+    samples = harness.by_numpy().core.samples
+    decode = samples.decode
 
-    def broken() -> int:
-        found = decode()
-        harness.core.samples.current[4] = np.nan
-        return found
+    def broken() -> None:
+        decode()
+        samples.current[4] = np.nan
 
-    harness.core.stages = dataclasses.replace(harness.core.stages, decode=broken, at_once=lambda share: NONE)
+    samples.decode = broken  # type: ignore[method-assign]
     harness.run(11)
     assert harness.codes == ["current-error"]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -19,7 +17,6 @@ from tests.io.fault_rows import (
     working,
     zero_current,
 )
-from trocar.procs.native.progress import NONE
 
 BAD_NUMBERS = (np.nan, np.inf, -np.inf)
 
@@ -58,15 +55,15 @@ def test_a_controller_that_computes_no_number_sends_0_a_and_goes_off() -> None:
     harness = working(braked())
     harness.send(1, position=0.01)
     harness.run(2)
-    control = harness.core.stages.control
+    pid = harness.by_numpy().core.pid
+    control = pid.control
 
-    def broken() -> int:
-        found = control()
+    def broken(*measured: np.ndarray) -> None:
+        control(*measured)
         if harness.record.pid_enabled[0]:
-            harness.core.pid.effort[2] = np.nan
-        return found
+            pid.effort[2] = np.nan
 
-    harness.core.stages = dataclasses.replace(harness.core.stages, control=broken, at_once=lambda share: NONE)
+    pid.control = broken  # type: ignore[method-assign]
     harness.run(1)
     assert harness.port.sent[-1][0, 2] & 0xFFFF == 0x8000 and harness.codes == ["not-finite"]
     harness.run(1)

@@ -80,3 +80,12 @@ def test_a_board_that_never_confirms_does_not_keep_others_from_it() -> None:
     for cycle in range(1, 3 * RETRY_NS // PERIOD_NS):
         watchdogs.step(cycle * PERIOD_NS)
     assert watchdogs.unconfirmed.tolist() == [True, False]
+
+
+def test_a_board_that_did_not_confirm_is_asked_again_while_nothing_else_happens() -> None:
+    harness = IoHarness(preset=True)
+    harness.port.__class__ = DeafPort
+    leave_and_return(harness, 1)
+    harness.port.deaf = ()
+    harness.run(RETRY_NS // PERIOD_NS + 2)
+    assert not harness.core._watchdogs.unconfirmed.any()

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.io.harness import pid_step
 from trocar.procs.document.system import PidAxis
 from trocar.procs.io.pid import Pid
 
@@ -27,7 +28,7 @@ def enabled(*axes: PidAxis, limit: np.ndarray | None = None, dt: float = 1 / 150
 
 def step(pid: Pid, setpoint: float, position: float = 0.0, velocity: float = 0.0) -> float:
     pid.setpoint_position[:] = setpoint
-    pid.step(np.array([position]), np.array([velocity]), np.zeros(1, dtype=bool))
+    pid_step(pid, np.array([position]), np.array([velocity]), np.zeros(1, dtype=bool))
     return float(pid.effort[0])
 
 
@@ -83,10 +84,10 @@ def test_soft_dead_band_rises_smoothly(error: float, effort: float) -> None:
 def test_hard_and_soft_dead_bands_live_together() -> None:
     pid = enabled(axis(p_gain=100, p_deadband=0.01), axis(p_gain=100, p_deadband=0.01, p_deadband_outer=0.03))
     pid.setpoint_position[:] = (0.02, 0.02)
-    pid.step(np.zeros(2), np.zeros(2), np.zeros(2, dtype=bool))
+    pid_step(pid, np.zeros(2), np.zeros(2), np.zeros(2, dtype=bool))
     np.testing.assert_allclose(pid.effort, [1.0, 0.5], atol=1e-12)
     pid.setpoint_position[:] = (0.01, 0.01)
-    pid.step(np.zeros(2), np.zeros(2), np.zeros(2, dtype=bool))
+    pid_step(pid, np.zeros(2), np.zeros(2), np.zeros(2, dtype=bool))
     np.testing.assert_allclose(pid.effort, [0.0, 0.0], atol=1e-12)
 
 
@@ -128,9 +129,9 @@ def test_tracking_check_looks_behind_the_dead_band(
     pid = enabled(axis(tolerance=tolerance, p_deadband=dead_band))
     pid.setpoint_position[:] = error
     no_limit = np.zeros(1, dtype=bool)
-    assert pid.step(np.zeros(1), np.zeros(1), no_limit) is None
+    assert pid_step(pid, np.zeros(1), np.zeros(1), no_limit) is None
     pid.check_tracking(ALL, True)
-    found = pid.step(np.zeros(1), np.zeros(1), no_limit)
+    found = pid_step(pid, np.zeros(1), np.zeros(1), no_limit)
     assert (found is not None) is trips
 
 
@@ -138,8 +139,8 @@ def test_set_points_at_a_limit_are_not_checked() -> None:
     pid = enabled(axis(tolerance=0.1))
     pid.check_tracking(ALL, True)
     pid.setpoint_position[:] = 1.0
-    assert pid.step(np.zeros(1), np.zeros(1), np.ones(1, dtype=bool)) is None
-    assert pid.step(np.full(1, np.nan), np.zeros(1), np.ones(1, dtype=bool)) is not None
+    assert pid_step(pid, np.zeros(1), np.zeros(1), np.ones(1, dtype=bool)) is None
+    assert pid_step(pid, np.full(1, np.nan), np.zeros(1), np.ones(1, dtype=bool)) is not None
 
 
 def test_effort_mode_passes_efforts_and_is_not_checked() -> None:
@@ -149,14 +150,14 @@ def test_effort_mode_passes_efforts_and_is_not_checked() -> None:
     pid.requested_effort[:] = 0.7
     pid.feed_forward[:] = 0.1
     assert step(pid, 5.0) == pytest.approx(0.8, abs=1e-12)
-    assert pid.step(np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool)) is None
+    assert pid_step(pid, np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool)) is None
 
 
 def test_disabled_actuators_follow_and_do_nothing() -> None:
     pid = Pid([axis(p_gain=100)], FREE, 1 / 1500)
     pid.setpoint_position[:] = 3.0
     pid.feed_forward[:] = 1.0
-    pid.step(np.array([0.25]), np.zeros(1), np.zeros(1, dtype=bool))
+    pid_step(pid, np.array([0.25]), np.zeros(1), np.zeros(1, dtype=bool))
     assert pid.effort[0] == 0.0
     assert pid.setpoint_position[0] == 0.25
 
@@ -169,7 +170,7 @@ def test_enabling_starts_without_memory() -> None:
     pid.enable(ALL, True, np.array([0.2]))
     assert pid.setpoint_position[0] == 0.2
     assert pid.integral[0] == 0.0
-    pid.step(np.array([0.2]), np.zeros(1), np.zeros(1, dtype=bool))
+    pid_step(pid, np.array([0.2]), np.zeros(1), np.zeros(1, dtype=bool))
     assert pid.effort[0] == 0.0
     again = observer()
     step(again, 0.01)
@@ -200,12 +201,12 @@ def test_effort_is_always_finite_and_limited(
     pid.setpoint_velocity[:] = velocity
     pid.setpoint_position[:] = setpoint
     with np.errstate(all="ignore"):
-        tripped = pid.step(np.array([position]), np.array([velocity]), np.zeros(1, dtype=bool))
+        tripped = pid_step(pid, np.array([position]), np.array([velocity]), np.zeros(1, dtype=bool))
         assert abs(pid.effort[0]) <= 3.0
         if not math.isfinite(position - setpoint) and not effort_mode:
             assert tripped is not None
         pid.setpoint_position[:] = pid.feed_forward[:] = pid.requested_effort[:] = pid.setpoint_velocity[:] = 0.0
-        pid.step(np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool))
+        pid_step(pid, np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool))
     assert abs(pid.effort[0]) <= 3.0
 
 
@@ -232,7 +233,7 @@ def test_an_effort_is_no_tracking_error() -> None:
     pid = enabled(axis(p_gain=100.0, tolerance=0.1))
     step(pid, 0.0)
     pid.use_effort(ALL, True)
-    pid.step(np.array([0.3]), FREE, np.zeros(1, dtype=bool))
+    pid_step(pid, np.array([0.3]), FREE, np.zeros(1, dtype=bool))
     assert pid.position_error[0] == 0.0
 
 
@@ -243,9 +244,9 @@ def test_a_dead_band_of_one_stops_no_filter_of_another() -> None:
         pid.carry_velocity(ALL, True)
     for _ in range(3):
         alone.setpoint_position[:], alone.setpoint_velocity[:] = 0.1, 1.0
-        alone.step(np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool))
+        pid_step(alone, np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool))
         both.setpoint_position[:], both.setpoint_velocity[:] = (0.1, still), (1.0, 1.0)
-        both.step(np.zeros(2), np.zeros(2), np.zeros(2, dtype=bool))
+        pid_step(both, np.zeros(2), np.zeros(2), np.zeros(2, dtype=bool))
         assert both.effort.tolist() == [alone.effort[0], 0.0]
     assert alone.effort[0] > 0.0
 
@@ -253,7 +254,7 @@ def test_a_dead_band_of_one_stops_no_filter_of_another() -> None:
 def test_the_setpoint_goes_along_with_an_actuator_that_applies_an_effort() -> None:
     pid = enabled(axis(p_gain=100.0))
     pid.use_effort(ALL, True)
-    pid.step(np.array([0.3]), FREE, np.zeros(1, dtype=bool))
+    pid_step(pid, np.array([0.3]), FREE, np.zeros(1, dtype=bool))
     pid.use_effort(ALL, False)
-    pid.step(np.array([0.3]), FREE, np.zeros(1, dtype=bool))
+    pid_step(pid, np.array([0.3]), FREE, np.zeros(1, dtype=bool))
     assert pid.setpoint_position[0] == 0.3 and pid.effort[0] == 0.0

@@ -9,6 +9,7 @@ from random import Random
 import numpy as np
 import pytest
 
+from tests.io.harness import pid_step
 from trocar.procs.document.system import PidAxis
 from trocar.procs.io.pid import Pid
 
@@ -191,7 +192,7 @@ class Bench:
         self.contribution[...] = [chance.choice((0.0, 0.05)) for _ in self.model]
         added = self.contribution if self.contribution is self.pid.contribution else np.zeros(self.n)
         with np.errstate(invalid="ignore"):
-            tripped = self.pid.step(position, velocity, at_limit)
+            tripped = pid_step(self.pid, position, velocity, at_limit)
         observed = any(actuator.row.use_disturbance_observer for actuator in self.model)
         measured = zip(position.tolist(), velocity.tolist(), added.tolist(), at_limit.tolist(), strict=True)
         expected = [actuator.step(p, v, more, at_limit=limited, observed=observed)

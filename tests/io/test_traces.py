@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +16,7 @@ from tests.traces import Mishaps, Trace, shown
 from trocar.procs.document.system import Brake, Linear, PidConfig, Tolerance
 from trocar.procs.fpga import blocks, lookup, registers
 from trocar.procs.io.cycle import RobotIo
-from trocar.procs.native.progress import CHECKED, DECODED, READY
+from trocar.procs.native.io_fields import LIMIT, MISSED, STATUS, TRACKING
 
 FOLDER = Path(__file__).parent / "traces"
 STEPS = 1800
@@ -194,21 +193,22 @@ def test_io_does_in_a_long_play_what_it_did(made: Callable[[], IoHarness]) -> No
 
 
 @pytest.mark.slow
-def test_a_calm_cycle_is_one_call_and_step_by_step_would_do_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_calm_cycle_decides_nothing_and_would_do_the_same_if_it_did(monkeypatch: pytest.MonkeyPatch) -> None:
     harness = braked()
-    ends: list[int] = []
-    at_once = harness.core.stages.at_once
+    decided: list[int] = []
+    decide = harness.core._decide
 
-    def counted(share: float) -> int:
-        ends.append(at_once(share))
-        return ends[-1]
+    def deciding(bits: int, *given: Any) -> None:
+        decided.append(bits)
+        decide(bits, *given)
 
-    monkeypatch.setattr(harness.core, "stages", dataclasses.replace(harness.core.stages, at_once=counted))
+    monkeypatch.setattr(harness.core, "_decide", deciding)
     play = IoPlay(harness, "braked")
     for _ in range(STEPS):
         play.step()
-    assert {DECODED, CHECKED, READY} <= set(ends) and ends.count(READY) > STEPS // 2
-    monkeypatch.setattr(RobotIo, "_is_steady_state", lambda core: False)
+    assert set(decided) >= {0, MISSED, STATUS, LIMIT} and any(bits & TRACKING for bits in decided)
+    assert len(decided) < STEPS // 2
+    monkeypatch.setattr(RobotIo, "_is_busy", lambda core: True)
     patient = IoPlay(braked(), "braked")
     for _ in range(STEPS):
         patient.step()

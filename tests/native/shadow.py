@@ -1,11 +1,11 @@
-"""Every stage of io and boards by native code and by numpy, from the same memory: they must leave the same, to the bit.
+"""Both halves of io's cycle, and every stage of boards, by native code and by numpy from the same memory: they must
+leave the same, to the bit.
 
 As a plug-in of pytest (`-p tests.native.shadow`) it does so for every cycle of all tests that are run.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from functools import partial
 from typing import ClassVar
@@ -13,8 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from trocar.procs.io import cycle
-from trocar.procs.io.cycle import RobotIo
-from trocar.procs.io.stages import Stages, native_stages, numpy_stages
+from trocar.procs.io.halves import Halves
 from trocar.procs.native import library
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.fields import CStruct
@@ -93,15 +92,17 @@ def both(name: str, memory: StructMemory, native_code: Callable[..., int], by_nu
     return wanted
 
 
-def shadowed(parts: RobotIo) -> Stages:
-    """Stages that are done both ways."""
-    bound = bind(IO, parts)
-    assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
-    native_code, by_numpy = native_stages(bound, "not here", parts), numpy_stages(parts, "")
-    memory = StructMemory(bound)
-    return dataclasses.replace(native_code, **{
-        name: partial(both, name, memory, getattr(native_code, name), getattr(by_numpy, name), exact=name == "at_once")
-        for name in IO.functions}, bound=None)
+class ShadowedHalves(Halves):
+    """Halves that are done both ways."""
+
+    def __init__(self, core, *given) -> None:
+        super().__init__(core, *given, native=False)
+        bound = bind(IO, core)
+        assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
+        memory = StructMemory(bound)
+        for name in IO.functions:
+            setattr(self, name, partial(both, name, memory, bound.function(name), getattr(self, name),
+                                        exact=name != "show"))
 
 
 def chosen_both(table: CStruct, source: object, prefix: str = "") -> tuple[Callable[..., int], ...]:
@@ -117,7 +118,7 @@ def chosen_both(table: CStruct, source: object, prefix: str = "") -> tuple[Calla
 
 def pytest_configure() -> None:
     """From now on every io and all boards are compared."""
-    cycle.stages = shadowed
+    cycle.Halves = ShadowedHalves
     library.chosen = chosen_both
 
 

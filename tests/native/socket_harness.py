@@ -6,7 +6,6 @@ import contextlib
 import select
 import socket
 import time
-from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
@@ -14,9 +13,8 @@ import numpy as np
 from tests.io.boards_harness import BoardsHarness, Direct
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.config import PROJECT_CONFIGS, load_system
-from trocar.procs.io.bus.exchange import Exchange, ExchangeSettings
-from trocar.procs.io.cycle import GAPS
-from trocar.procs.native.progress import SENT
+from trocar.procs.io.bus.exchange import Exchange
+from trocar.procs.native.io_fields import SENT
 from trocar.procs.node.inputs import FOR_EVER_NS
 
 SECOND_NS = 1_000_000_000
@@ -86,7 +84,7 @@ class SocketLink(Direct):
 
 
 class SocketHarness(BoardsHarness):
-    """The demo's PSM, held by its joint controllers; `ends` counts how far `BusPort.answer` got."""
+    """The demo's PSM, held by its joint controllers; `received` and `sent` are the bits of its calls."""
 
     link: SocketLink
 
@@ -97,18 +95,20 @@ class SocketHarness(BoardsHarness):
         # nobody judges how quick this loop is, and no sample is old because a busy machine had something else to do
         self.core._timing._start_ns += 1 << 62
         self.core._oldest_ns, self.core._stable_ns = 100 * SECOND_NS, SECOND_NS
-        assert self.core.stages.bound is not None
-        self.port.set_exchange(ExchangeSettings(self.core.stages.bound, self.core._oldest_ns, self.core._stable_ns,
-                                                GAPS))
-        self.ends: Counter[int] = Counter()
-        answer = self.port.answer
+        self.received: list[int] = []
+        self.sent: list[int] = []
+        receive, send = self.port.receive_and_check, self.port.control_and_send
 
-        def counted(*given) -> int:
-            done = answer(*given)
-            self.ends[done] += 1
-            return done
+        def noted_receive() -> int:
+            self.received.append(receive())
+            return self.received[-1]
 
-        self.port.answer = counted  # type: ignore[method-assign]
+        def noted_send(*given) -> int:
+            self.sent.append(send(*given))
+            return self.sent[-1]
+
+        self.port.receive_and_check = noted_receive  # type: ignore[method-assign]
+        self.port.control_and_send = noted_send  # type: ignore[method-assign]
         self.faults = BoardFaults(self.world, self.plant)
         try:
             self.bring_up("PSM1")
@@ -120,26 +120,29 @@ class SocketHarness(BoardsHarness):
 
     @property
     def exchange(self) -> Exchange:
-        assert self.port._exchange is not None
-        return self.port._exchange
+        assert self.port.exchange is not None
+        return self.port.exchange
 
     def calm(self, cycles: int = 5) -> None:
-        """Nothing goes on any more: every cycle is one call."""
+        """Nothing goes on any more: no cycle has a bit but that the words were sent."""
         for _ in range(500):
-            self.ends.clear()
-            self.cycle(count=cycles)
-            if self.ends == {SENT: cycles}:
+            if self.cycles(cycles) == {(0, SENT)}:
                 return
-        raise AssertionError(f"{self.ends}; {self.events}")
+        raise AssertionError(f"{self.received} {self.sent}; {self.events}")
+
+    def cycles(self, count: int) -> set[tuple[int, int]]:
+        """The bits of both calls in these cycles."""
+        self.received.clear()
+        self.sent.clear()
+        self.cycle(count=count)
+        return set(zip(self.received, self.sent, strict=True))
 
     def to(self, goal: np.ndarray) -> None:
         """The arm asks for these positions of its axes."""
         self.arms["PSM1"].mode[...] = 1
         self.arms["PSM1"].position[: len(goal)] = goal
 
-    def once(self) -> int:
-        """One cycle, in one call as far as that goes: how far."""
-        self.ends.clear()
-        self.cycle()
-        (done,) = self.ends
-        return done
+    def once(self) -> tuple[int, int]:
+        """The bits of both calls in one cycle."""
+        (bits,) = self.cycles(1)
+        return bits

@@ -1,4 +1,4 @@
-"""From the boards' reply to the write behind it in one native call: the same as step by step, whatever comes."""
+"""From the boards' reply to the write behind it in two native calls: the same as step by step, whatever comes."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from tests.native.shadow import bits
+from tests.native.shadow import bits as bits_of
 from tests.native.socket_harness import SECOND_NS, SocketHarness
 from trocar.procs.fpga import wire
 from trocar.procs.io.bus.exchange import Exchange
 from trocar.procs.io.bus.link import Counters
 from trocar.procs.io.bus.protocols import QueryRead
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.io_fields import IO
+from trocar.procs.native.io_fields import IO, MISSED, SENT, STATUS
 from trocar.procs.native.library import bind, native
-from trocar.procs.native.progress import BAD, DECODED, NONE, READY, SENT
 from trocar.shm.time.clock import boottime_ns
 
 pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
@@ -40,13 +39,15 @@ def good(counters: Counters) -> bool:
     return not (counters.bad_reads or counters.bad_writes or counters.timeouts or counters.stray or counters.dropped)
 
 
-def test_a_calm_cycle_is_one_call(psm: SocketHarness) -> None:
+def test_a_calm_cycle_is_two_calls(psm: SocketHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     psm.port.counters.clear()
     psm.link.forget_written()
-    psm.cycle(count=20)
+    for part, name in ((psm.exchange._link, "receive"), (psm.core, "_decide"), (psm.port, "write_all")):
+        monkeypatch.setattr(part, name, None)
+    assert psm.cycles(20) == {(0, SENT)}
     psm.link.deliver()
     counters = psm.port.counters
-    assert psm.ends[SENT] >= 20 and len(psm.link.written) == 20
+    assert len(psm.link.written) == 20
     assert counters.reads == counters.writes == 20 and good(counters) and psm.errors() == []
     assert psm.record.recv_ns < psm.record.write_ns and psm.record.valid and psm.record.pid_enabled[0]
 
@@ -64,44 +65,50 @@ def test_the_boards_understand_what_the_call_has_sent(psm: SocketHarness) -> Non
     assert abs(psm.record.position[2] - goal[2]) < 2e-3 and psm.link.written and psm.errors() == []
 
 
-def test_the_call_leaves_what_step_by_step_leaves(psm: SocketHarness, monkeypatch: pytest.MonkeyPatch) -> None:
-    """To the bit: every array of io's stages, of what came and of what was sent."""
-    stages = bind(IO, psm.core)
-    assert isinstance(stages, BoundStruct)
+def test_the_calls_leave_what_step_by_step_leaves(psm: SocketHarness, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the bit: every array of io's halves, of what came and of what was sent."""
+    halves = bind(IO, psm.core)
+    assert isinstance(halves, BoundStruct)
     exchange, reader, groups = psm.exchange, psm.exchange._reader, psm.exchange._writer.groups
-    call = exchange._answer
-    assert call is not None
-    arrays = [array for array in stages.arrays.values() if array.flags.writeable]
+    receive, send = exchange._receive, exchange._send
+    assert receive is not None and send is not None
+    arrays = [array for array in halves.arrays.values() if array.flags.writeable]
     arrays += [reader.blocks.masked, reader.blocks.bad, reader.blocks.last, groups.datagram_array]
-    compared = []
+    compared: list[str] = []
 
-    def both(fd, tl, label, timeout_ms, spin_ns, good_ns, wake_ns, over_ns, gap_ns) -> int:
+    def both(name: str, by_call: Callable[[], int], step_by_step: Callable[[], int]) -> int:
         before = [array.copy() for array in arrays]
-        done = call(fd, tl, label, timeout_ms, spin_ns, good_ns, wake_ns, over_ns, gap_ns)
+        bits = by_call()
         after = [array.copy() for array in arrays]
-        if done != SENT:
-            return done
         for array, was in zip(arrays, before, strict=True):
             array[...] = was
+        assert step_by_step() == bits
+        for made, array in zip(after, arrays, strict=True):
+            assert np.array_equal(bits_of(made), bits_of(array))
+        compared.append(name)
+        return bits
+
+    def take() -> int:
         assert reader.take(int(exchange.came[0]))
-        gap_ns += (min(int(exchange.came[1]) - good_ns, exchange.oldest_ns) - gap_ns) / exchange.gaps
-        assert psm.core.stages.at_once(min(1.0, exchange.stable_ns / gap_ns)) == READY
+        return psm.core.halves.decode_and_check()
+
+    def write(label: int, share: float, has_sample: int) -> int:
+        done = psm.core.halves.control_and_encode(share, has_sample)
         groups.pack()
         groups.datagram[:22] = exchange._writer.heads()[label]
         groups.sent()
-        for made, array in zip(after, arrays, strict=True):
-            assert np.array_equal(bits(made), bits(array))
-        compared.append(done)
-        return done
+        return done | SENT
 
-    monkeypatch.setattr(exchange, "_answer", both)
+    monkeypatch.setattr(exchange, "_receive", lambda *given: both("receive", lambda: receive(*given), take))
+    monkeypatch.setattr(exchange, "_send", lambda fd, label, share, has_sample, over_ns: both(
+        "send", lambda: send(fd, label, share, has_sample, over_ns), lambda: write(label, share, has_sample)))
     goal = psm.record.position.copy()
     for cycle in range(60):
         goal[0] += 1e-4
         psm.to(goal)
         psm.core._good_ns -= cycle % 4 * SECOND_NS  # some gaps are longer: then efforts are less
         psm.cycle()
-    assert len(compared) > 50 and psm.errors() == []
+    assert compared == ["receive", "send"] * 60 and psm.errors() == []
 
 
 def stray(reply: bytes) -> bytes:
@@ -115,10 +122,10 @@ def stray(reply: bytes) -> bytes:
 def test_what_comes_before_the_reply_is_thrown_away(psm: SocketHarness, before: Callable[[bytes], bytes]) -> None:
     psm.port.counters.clear()
     psm.link.spoil = lambda reply: [before(reply), reply]
-    assert psm.once() == NONE
+    assert psm.once() == (0, SENT)
     assert psm.port.counters.stray == 1 and psm.port.counters.bad_reads == 0 and psm.record.valid
     psm.link.spoil = lambda reply: [reply]
-    assert psm.once() == SENT and psm.errors() == []
+    assert psm.once() == (0, SENT) and psm.errors() == []
 
 
 @pytest.mark.parametrize("bad", [
@@ -132,7 +139,7 @@ def test_what_is_not_the_wanted_sample_is_no_sample(psm: SocketHarness, bad: Cal
     psm.port.counters.clear()
     blocks, bad_reads = psm.port.blocks.copy(), int(psm.record.bad_reads)
     psm.link.spoil = lambda reply: [bad(reply)]
-    assert psm.once() == BAD
+    assert psm.once() == (MISSED, SENT)
     counters = psm.port.counters
     assert counters.bad_reads == 1 and counters.writes == 1 and counters.board_bad_reads.any()
     assert np.array_equal(psm.port.blocks, blocks) and psm.record.bad_reads == bad_reads + 1 and not psm.record.valid
@@ -144,7 +151,7 @@ def test_what_is_not_the_wanted_sample_is_no_sample(psm: SocketHarness, bad: Cal
 def test_silence_is_waited_for_once(psm: SocketHarness) -> None:
     psm.port.counters.clear()
     psm.link.spoil = lambda reply: []
-    assert psm.once() == BAD
+    assert psm.once() == (MISSED, SENT)
     counters = psm.port.counters
     assert counters.timeouts == 1 and counters.bad_reads == 1
     assert counters.waited_ns == psm.exchange._link.cycle_timeout_ms * 1_000_000
@@ -158,7 +165,7 @@ def test_a_hub_that_drops_a_read_is_no_boards_fault(psm: SocketHarness) -> None:
     dropped = bytes((0, psm.exchange._link.generation, *bytes(6)))
     assert len(dropped) == wire.TRAILER_BYTES
     psm.link.spoil = lambda reply: [dropped]
-    assert psm.once() == BAD
+    assert psm.once() == (MISSED, SENT)
     assert psm.port.counters.dropped == 1 and not psm.port.counters.board_bad_reads.any()
     psm.link.spoil = lambda reply: [reply]
     psm.calm()
@@ -173,7 +180,7 @@ def test_the_label_of_a_read_rests_whose_reply_may_still_come(psm: SocketHarness
         return [reply[:5] + bytes((reply[5] ^ 1,)) + reply[6:]]
 
     psm.link.forgets, psm.link.spoil = False, of_another_node
-    assert psm.once() == BAD
+    assert psm.once() == (MISSED, SENT)
     link = psm.exchange._link
     assert list(link._missing) == labels
 
@@ -181,23 +188,22 @@ def test_the_label_of_a_read_rests_whose_reply_may_still_come(psm: SocketHarness
 def test_while_labels_rest_more_than_the_label_is_looked_at(psm: SocketHarness) -> None:
     psm.exchange._link._missing.append(5)
     psm.exchange._link._forgets = False
-    assert psm.once() == NONE and psm.record.valid
+    assert psm.once() == (0, SENT) and psm.record.valid
 
 
 def test_a_sample_with_news_is_not_answered_before_that_is_looked_at(psm: SocketHarness) -> None:
-    psm.ends.clear()
     psm.faults.lose_supply("PSM1", True)
     for _ in range(50):
-        psm.cycle()
+        bits, _ = psm.once()
         if not psm.record.powered[0]:
             break
-    assert psm.ends[DECODED] and not psm.record.powered[0]
+    assert bits & STATUS and not psm.record.powered[0]
 
 
 def test_nothing_is_sent_in_a_cycle_that_was_held_up(psm: SocketHarness) -> None:
     psm.link.forget_written()
     psm.over_ns = boottime_ns() - 1
-    assert psm.once() == READY
+    assert psm.once() == (0, 0)
     psm.link.deliver()
     assert psm.link.written == [], "only what switches everything off, and not by the call"
     psm.over_ns = 1 << 62
@@ -206,9 +212,10 @@ def test_nothing_is_sent_in_a_cycle_that_was_held_up(psm: SocketHarness) -> None
 
 
 def test_a_sample_that_power_waits_for_is_looked_at_first(psm: SocketHarness) -> None:
+    looked = []
     psm.core.power.wake_ns = 1
-    assert psm.once() == NONE
-    psm.calm()
+    psm.core.power.step = lambda now_ns: looked.append(len(psm.sent))  # type: ignore[method-assign]
+    assert psm.once() == (0, SENT) and looked == [0], "before the words were sent"
 
 
 def test_what_the_system_did_not_take_is_sent_again(psm: SocketHarness) -> None:
@@ -219,7 +226,7 @@ def test_what_the_system_did_not_take_is_sent_again(psm: SocketHarness) -> None:
         return [reply]
 
     psm.link.spoil = full
-    assert psm.once() == READY
+    assert psm.once() == (0, 0)
     psm.link.spoil = lambda reply: [reply]
     assert psm.port.counters.writes == 1 and psm.port.counters.bad_writes == 0
     assert psm.exchange._link.suspect, "nobody may have listened to an earlier datagram"
@@ -244,7 +251,7 @@ def test_the_bus_remembers_what_it_does_step_by_step(
 ) -> None:
     link, found = psm.port._link, []
     for exchange in (psm.exchange, None):
-        psm.port._exchange = exchange
+        psm.port.exchange = exchange
         psm.link.spoil = lambda reply: [reply]
         psm.cycle(count=100)
         link.tl, link.sequence = 3, 7
@@ -259,22 +266,22 @@ def test_the_boards_time_is_learned_from_what_the_call_took(psm: SocketHarness) 
     reader = psm.exchange._reader
     reader._wait_ns = 0
     psm.cycle(count=2)
-    assert reader._wait_ns >= reader._least_wait_ns and psm.once() == SENT
+    assert reader._wait_ns >= reader._least_wait_ns and psm.once() == (0, SENT)
 
 
 def test_a_reply_is_also_found_by_looking_for_it_again_and_again(psm: SocketHarness) -> None:
     psm.exchange._link.spin_ns = 100_000
-    assert psm.once() == SENT
+    assert psm.once() == (0, SENT)
     psm.link.spoil = lambda reply: []
-    assert psm.once() == BAD and psm.port.counters.timeouts == 1
+    assert psm.once() == (MISSED, SENT) and psm.port.counters.timeouts == 1
 
 
 def test_another_socket_is_taken_at_once(psm: SocketHarness) -> None:
     before = psm.link.fd
     psm.exchange._link.suspect = True
-    assert psm.once() == SENT and psm.link.fd != before
+    assert psm.once() == (0, SENT) and psm.link.fd != before
     psm.link.forget_written()
-    assert psm.once() == SENT
+    assert psm.once() == (0, SENT)
     psm.link.deliver()
     assert len(psm.link.written) == 1 and psm.errors() == []
 
@@ -284,21 +291,20 @@ def test_what_is_bound_anew_leaves_no_classes_behind(psm: SocketHarness) -> None
     before = len(ctypes.Structure.__subclasses__())
     for _ in range(5):
         psm.exchange._prepare()
-    assert len(ctypes.Structure.__subclasses__()) == before and psm.once() == SENT
+    assert len(ctypes.Structure.__subclasses__()) == before and psm.once() == (0, SENT)
 
 
 def test_after_a_bus_reset_the_call_goes_on(psm: SocketHarness) -> None:
     made_for = psm.exchange._made_for
     psm.faults.reset_bus()
-    psm.ends.clear()
     psm.cycle()
     psm.calm()
     assert psm.exchange._made_for != made_for and psm.record.valid and psm.errors() == []
 
 
-def test_without_stages_of_native_code_a_sample_is_just_read(psm: SocketHarness) -> None:
-    psm.port._exchange = None
-    assert psm.once() == NONE and psm.record.valid and psm.port.counters.writes
+def test_without_the_calls_a_sample_is_just_read(psm: SocketHarness) -> None:
+    psm.port.exchange = None
+    assert psm.cycles(1) == set() and psm.record.valid and psm.port.counters.writes
 
 
 def test_the_struct_is_bound_to_arrays_that_stay(psm: SocketHarness) -> None:

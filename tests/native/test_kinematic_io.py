@@ -11,10 +11,10 @@ import pytest
 from tests.io.harness import PERIOD_NS, FakeCommand, SteppedClock, document
 from tests.native.shadow import bits
 from tests.native.test_track import ARMS, COMMANDS, Both
+from trocar.procs.io.halves import numpy_track
 from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.setpoint_rings import RingSource
-from trocar.procs.io.stages import numpy_track
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import TRACK
 from trocar.procs.native.library import bind, native

@@ -78,7 +78,7 @@ def test_the_header_is_what_c_needs() -> None:
     assert POINT.declarations.splitlines()[:4] == ["typedef struct {", "  int64_t n;", "  double *x;  // (n)",
                                                    "  uint16_t *counts;  // (2, n)"]
     assert "#define NATIVE_SIZES sizeof(Io), " in header
-    assert "int64_t Io_encode(const Io *k, double, int64_t);" in header
+    assert "int64_t Io_control_and_encode(const Io *k, double, int64_t);" in header
 
 
 def test_the_switch_turns_it_off() -> None:

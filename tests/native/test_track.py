@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -12,8 +11,8 @@ import pytest
 from tests.io.harness import PERIOD_NS, FakeCommand, IoHarness, gains
 from tests.native.shadow import bits
 from trocar.procs.document.system import PidConfig
+from trocar.procs.io.halves import numpy_track
 from trocar.procs.io.setpoint_rings import RingSource
-from trocar.procs.io.stages import numpy_stages
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import TRACK
 from trocar.procs.native.library import bind, native
@@ -43,8 +42,8 @@ class Both:
         self.stands = [IoHarness(2, pids=pids, sources=[RingSource(directory.reader(system, arm, "setpoint", "arm"))
                                              for arm in ARMS]) for _ in range(2)]
         quick, slow = (stand.core for stand in self.stands)
-        assert not quick.stages.why_numpy
-        slow.stages = dataclasses.replace(slow.stages, track=numpy_stages(slow, "").track)
+        assert not quick.halves.why_numpy
+        slow.halves.track = numpy_track(slow)
         self.bound = [bind(TRACK, stand.core) for stand in self.stands]
 
     def write(self, writer: RingWriter, place: int) -> None:
@@ -140,7 +139,7 @@ def test_a_good_cycle_calls_no_function_of_numpy(both: Both, monkeypatch: pytest
     for _ in range(5):
         cycle()
     assert stand.core.good and called == []
-    stand.core.pid.step(stand.record.position, stand.record.velocity, stand.record.at_limit)
+    stand.core.pid.control(stand.record.position, stand.record.velocity)
     assert "subtract" in called, "they are counted"
 
 

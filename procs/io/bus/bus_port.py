@@ -12,7 +12,7 @@ import numpy as np
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus import discovery
 from trocar.procs.io.bus.discovery import BoardInfo
-from trocar.procs.io.bus.exchange import Exchange, ExchangeSettings
+from trocar.procs.io.bus.exchange import Exchange
 from trocar.procs.io.bus.link import Counters, Link, Quads
 from trocar.procs.io.bus.protocols import (
     BROADCAST_QUERY,
@@ -27,7 +27,8 @@ from trocar.procs.io.bus.protocols import (
 from trocar.procs.io.bus.push_read import UnaskedRead
 from trocar.procs.io.bus.rows import Rows
 from trocar.procs.io.bus.transport import PortError, Transport
-from trocar.procs.native.progress import BAD, NONE, SENT
+from trocar.procs.native.bound import BoundStruct
+from trocar.procs.native.io_fields import MISSED, SENT
 
 _Reader: TypeAlias = QueryRead | UnaskedRead | SequentialRead
 _Writer: TypeAlias = BroadcastWrite | SequentialWrite
@@ -86,8 +87,9 @@ class BusPort:
         self._nodes: ChainMap[int, int] = ChainMap()
         self._reader: _Reader | None = None
         self._writer: _Writer | None = None
-        self._settings: ExchangeSettings | None = None
-        self._exchange: Exchange | None = None
+        self._halves: BoundStruct | None = None
+        self.exchange: Exchange | None = None
+        """The native calls of a cycle; None: this bus or this machine has none."""
 
     def _make_rows(self, width: int) -> None:
         count = len(self.board_ids)
@@ -108,7 +110,7 @@ class BusPort:
     def close(self) -> None:
         """Close the transport; boards keep their last command until their watchdog trips."""
         self._link.close()
-        self._reader = self._writer = self._exchange = None
+        self._reader = self._writer = self.exchange = None
 
     @property
     def stranger(self) -> str:
@@ -231,36 +233,43 @@ class BusPort:
             counters.bad_reads += 1
         return good
 
-    def set_exchange(self, settings: ExchangeSettings) -> None:
-        """Have `answer` process samples with these settings from now on, where the native library can."""
-        self._settings = settings
+    def set_exchange(self, halves: BoundStruct) -> None:
+        """Have `exchange` do io's halves with these arrays from now on, where the native library can."""
+        self._halves = halves
         self._make_exchange()
 
     def _make_exchange(self) -> None:
         """Possible with one query to all boards, one write to all, and the machine's clock."""
-        reader, writer, settings = self._reader, self._writer, self._settings
-        if (settings is not None and self._link.real_time and isinstance(reader, QueryRead)
+        reader, writer, halves = self._reader, self._writer, self._halves
+        if (halves is not None and self._link.real_time and isinstance(reader, QueryRead)
                 and isinstance(writer, BroadcastWrite)):
-            self._exchange = Exchange(self._link, reader, writer, settings)
+            self.exchange = Exchange(self._link, reader, writer, halves)
 
-    def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """`read_all`, then io's stages and `write_all`; returns how far the call got, see procs/native/progress.py.
-
-        `good_ns`: when the previous sample arrived; `gap_ns`: mean interval of the samples so far. From `wake_ns` on, a
-        sample is not processed; from `over_ns` on, on CLOCK_BOOTTIME, nothing is sent.
-        """
-        exchange, counters = self._exchange, self.counters
+    def receive_and_check(self) -> int:
+        """`read_all` and the checks behind it, by `exchange`."""
+        exchange, counters = self.exchange, self.counters
         if exchange is None:
-            return NONE if self.read_all() else BAD
-        done = exchange.answer(good_ns, wake_ns, over_ns, gap_ns)
+            raise self._not_ready()
+        bits = exchange.receive_and_check()
         self.recv_ns = self._link.recv_ns
         counters.reads += 1
-        if done == BAD:
+        if bits & MISSED:
             counters.bad_reads += 1
-        elif done == SENT:
+        return bits
+
+    def control_and_send(self, share: float, has_sample: bool, over_ns: int) -> int:
+        """The efforts and `write_all`, by `exchange`; without SENT in the result, `write_all` is still to be called.
+
+        From `over_ns` on, on CLOCK_BOOTTIME, nothing is sent.
+        """
+        exchange = self.exchange
+        if exchange is None:
+            raise self._not_ready()
+        bits = exchange.control_and_send(share, has_sample, over_ns)
+        if bits & SENT:
             self.send_ns = self._link.send_ns
-            counters.writes += 1
-        return done
+            self.counters.writes += 1
+        return bits
 
     def write_all(self) -> bool:
         """Send `out` to every board, also after a bad read (the write feeds the watchdogs), then zero its control

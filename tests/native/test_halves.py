@@ -1,4 +1,6 @@
-"""io's stages by native code and by numpy: the same bits from any sample, gains and state, and in every scenario."""
+"""The halves of io's cycle leave the same bits by native code and by numpy, from any sample, gains and state, and in
+every scenario.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.io.harness import IoHarness, actuator, gains, robot
-from tests.native.shadow import shadowed
+from tests.native.shadow import ShadowedHalves
 from trocar.procs.document.system import Brake, Linear
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import IO
@@ -64,11 +66,11 @@ def stir(bound: BoundStruct, rng: np.random.Generator, odd: float) -> None:
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from((0.0, 0.02, 0.3)), st.booleans())
 @pytest.mark.slow
-def test_every_stage_leaves_the_same_bits_from_anything(seed: int, odd: float, rich: bool) -> None:
+def test_both_halves_leave_the_same_bits_from_anything(seed: int, odd: float, rich: bool) -> None:
     rng = np.random.default_rng(seed)
     harness = with_everything() if rich else IoHarness()
     core = harness.core
-    stages, bound = shadowed(core), bind(IO, core)
+    halves, bound = ShadowedHalves(core, bool, int), bind(IO, core)
     assert isinstance(bound, BoundStruct)
     core.pid.check_tracking(slice(None), True)
     for on in (True, False):
@@ -77,13 +79,10 @@ def test_every_stage_leaves_the_same_bits_from_anything(seed: int, odd: float, r
         stir(bound, rng, odd)
         for _ in range(3):
             core.port.blocks[...] = rng.integers(0, 2**32, core.port.blocks.shape, dtype=np.uint32)
-            stages.decode()
-            stages.check()
-            stages.control()
-            stages.encode(float(rng.choice((1.0, 0.5, 0.0))), int(rng.integers(2)))
+            halves.decode_and_check()
+            halves.control_and_encode(float(rng.choice((1.0, 0.5, 0.0))), int(rng.random() < 0.8))
             core.samples.wanted[0] = rng.integers(4)
-            stages.show()
-            stages.at_once(float(rng.choice((1.0, 0.5))))
+            halves.show()
 
 
 def test_arrays_stay_where_they_are_whatever_is_asked() -> None:
@@ -101,7 +100,7 @@ def test_arrays_stay_where_they_are_whatever_is_asked() -> None:
     assert not bound.moved()
 
 
-def test_a_stage_with_another_shape_is_refused_and_numpy_does_the_work() -> None:
+def test_an_array_of_another_shape_is_refused_and_numpy_does_the_work() -> None:
     harness = IoHarness()
     harness.core.pid.p_gain = np.zeros(3)
     why = bind(IO, harness.core)
@@ -118,7 +117,7 @@ def test_every_cycle_of_the_scenarios_is_the_same_by_native_and_numpy() -> None:
 
 
 def test_without_native_code_numpy_does_the_work_and_says_why() -> None:
-    code = "from tests.io.harness import IoHarness; print(IoHarness().core.stages.why_numpy)"
+    code = "from tests.io.harness import IoHarness; print(IoHarness().core.halves.why_numpy)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env={SWITCH: "0"}, capture_output=True, text=True,
                           timeout=60, check=True)
     assert done.stdout == "TROCAR_NATIVE is 0\n"

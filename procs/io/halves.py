@@ -1,0 +1,116 @@
+"""The two halves of a cycle that work on all axes at once, and what the rest of the record shows.
+
+    receive_and_check   reply → SI units, velocities, limits, tracking errors
+    control_and_send    setpoints → joint controllers → words → write
+
+Between them Python acts, if the first half returned a bit. The methods here are numpy. The native library replaces
+`decode_and_check`, `control_and_encode` and `show` by functions with bit-identical results; on a bus with one query and
+one write for all boards, they are then part of the native calls that receive and send.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from trocar.procs.native.bound import BoundStruct
+from trocar.procs.native.io_fields import IO, LIMIT, MISSED, NOT_FINITE, SENT, STATUS, TRACK, TRACKING
+from trocar.procs.native.library import bind
+
+if TYPE_CHECKING:
+    from trocar.procs.io.cycle import RobotIo
+    from trocar.procs.io.kinematic import KinematicIo
+
+
+class Halves:
+    """Both halves for one io."""
+
+    def __init__(self, core: RobotIo, is_over: Callable[[], bool], over_ns: Callable[[], int], *, native: bool = True
+                 ) -> None:
+        """`core` has the arrays, under the names of procs/native/io_fields.py. `is_over` says whether a stall has
+        interrupted this cycle, `over_ns` from which time on CLOCK_BOOTTIME that is so. `native`: use the native library
+        if there is one.
+        """
+        self._port, self._outputs, self._samples, self._pid = core.port, core.outputs, core.samples, core.pid
+        self._power, self._safety = core.power, core.safety
+        self._digital_outputs, self._buttons = core.digital_outputs, core.buttons
+        self._is_over, self._over_ns = is_over, over_ns
+        self.bound = bind(IO, core) if native else "numpy is asked for"
+        """The arrays of the native library; or why it is not used."""
+        self.track, why = track(core)
+        self.why_numpy = why
+        """Why the native library is not used, at least for setpoints; empty: it is."""
+        if isinstance(self.bound, BoundStruct):
+            self.decode_and_check, self.control_and_encode, self.show = (  # type: ignore[method-assign]
+                self.bound.function(name) for name in IO.functions)
+            core.port.set_exchange(self.bound)
+        else:
+            self.track, self.why_numpy = numpy_track(core), self.bound
+
+    def receive_and_check(self) -> int:
+        """Wait for the reply to `BusPort.ask_all`, and check it. 0, or bits:
+
+        MISSED: there is no complete fresh sample. STATUS: status words or amplifiers have changed (`Power.step`).
+        LIMIT: a value is beyond its limit (`Safety.examine`). TRACKING: so is a tracking error (`Pid.beyond`).
+        """
+        if self._port.exchange is not None:
+            return self._port.receive_and_check()
+        return self.decode_and_check() if self._port.read_all() else MISSED
+
+    def control_and_send(self, share: float, has_sample: bool) -> int:
+        """Send this share of the joint controllers' efforts; without a sample that of their last ones.
+
+        0, or NOT_FINITE: 0 A was sent for an effort that is not finite. After a stall all outputs are off instead.
+        """
+        port, outputs = self._port, self._outputs
+        if port.exchange is not None:
+            bits = port.control_and_send(share, has_sample, self._over_ns())
+        else:
+            bits = self.control_and_encode(share, has_sample)
+        if not bits & SENT:
+            if self._is_over():  # the efforts are outdated, and so are switch-on commands
+                outputs.all_off()
+                self.control_and_encode(0.0, False)
+            port.write_all()
+        outputs.written()
+        return bits & NOT_FINITE
+
+    def decode_and_check(self) -> int:
+        """The bits of `receive_and_check` for the sample in the port's blocks."""
+        samples, bits = self._samples, 0
+        samples.decode()
+        if self._power.watch():
+            bits |= STATUS
+        if self._safety.check():
+            bits |= LIMIT
+        if self._pid.compare(samples.position):
+            bits |= TRACKING
+        return bits
+
+    def control_and_encode(self, share: float, has_sample: int) -> int:
+        """`control_and_send` without the sending: into the port's `out`."""
+        if has_sample:
+            self._pid.control(self._samples.position, self._samples.velocity)
+        return 0 if self._outputs.encode(share) else NOT_FINITE
+
+    def show(self) -> int:
+        """Fill the rest of the record, after the boards are written. 1: an input has changed (`Buttons.settle`)."""
+        self._samples.show()
+        self._digital_outputs.show()
+        return self._buttons.watch()
+
+
+def track(core: RobotIo | KinematicIo) -> tuple[Callable[[int], int], str]:
+    """The function that takes the present setpoints, and why it is numpy's, if it is.
+
+    It returns bits of robots that `SetpointTracker.receive` must examine; see `everything` there.
+    """
+    if core.follow.rings is None:
+        return numpy_track(core), "setpoints come from no ring"
+    bound = bind(TRACK, core)
+    return (numpy_track(core), bound) if isinstance(bound, str) else (bound.function("track"), "")
+
+
+def numpy_track(core: RobotIo | KinematicIo) -> Callable[[int], int]:
+    """numpy: `SetpointTracker.receive` examines all arms."""
+    return lambda now_ns: core.follow.everything
