@@ -4,7 +4,7 @@ An arm has three kinds of streams, perhaps from different programs: goals of its
 each of the first two there is one at a time: another program's goals are refused until the first has paused for 0.1 s
 or has ended, so that they cannot end it. A stop ends the streams of all programs but its sender's; a goal that is out
 of reach ends its own stream. An ended stream stays ended, whatever it sends, until it has paused for 0.5 s and for
-three of its periods.
+three of its periods. Where a bridge stalls, the stream of its client only seems to pause: it keeps its origin.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Final
 
 from trocar.procs.node.requests import STREAM_ENDED, STREAM_PAUSE_NS, Request
 from trocar.shm.mailbox.command_row import FREE
+from trocar.shm.mailbox.origins import is_direct
 
 STREAM_NS: Final = 100_000_000  # an older goal belongs to no stream
 PERIODS: Final = 3
@@ -47,6 +48,8 @@ class Stream:
     taken_ns: int = -STREAM_NS
     period_ns: int = 0
     ended: str = ""
+    origin: int = 0
+    """Number of the operator's command that its newest goal came from."""
 
     def has_paused(self, now_ns: int) -> bool:
         """Whether the stream has ended because its program sent no goals for a while."""
@@ -79,11 +82,13 @@ class Streams:
         if stream is None:
             stream = self._begin(kind, sender, request, now_ns)
         gap_ns = now_ns - stream.asked_ns
-        if gap_ns >= STREAM_PAUSE_NS and stream.has_paused(now_ns):
+        origin = request.origin.id
+        if gap_ns >= STREAM_PAUSE_NS and stream.has_paused(now_ns) and not (
+                stream.ended and origin == stream.origin and is_direct(origin, request.pid)):
             stream.ended, stream.period_ns = "", 0
         elif not stream.ended and gap_ns <= MAX_PERIOD_NS:
             stream.period_ns = gap_ns
-        stream.asked_ns, self.asking = now_ns, stream
+        stream.asked_ns, stream.origin, self.asking = now_ns, origin, stream
         owner = self._owners.get(kind)
         if owner is stream and not stream.ended:
             return ""

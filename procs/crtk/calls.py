@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from trocar.procs.crtk.last_look import FirstMessages
 from trocar.procs.crtk.messages import WrongMessage
 from trocar.procs.crtk.names import none_such
 from trocar.procs.crtk.user_rows import commands_of
@@ -61,9 +62,11 @@ class Calls:
     """The connections of one client to all owners; its commands are operators' commands."""
 
     def __init__(self, system: str, owners: Mapping[str, CommandOwner], rights: Rights,
-                 is_over: Callable[[], bool]) -> None:
-        """`is_over`: whether commands are outdated after a stall, and refused."""
-        self._peer = next(PEERS)
+                 is_over: Callable[[], bool], first: FirstMessages | None = None) -> None:
+        """`is_over`: whether commands are outdated after a stall, and refused. `first`: messages may have waited for
+        the bridge's start.
+        """
+        self._peer, self._first = next(PEERS), first
         self.program = "socket"
         """The name that other programs see."""
         self._system, self._owners, self._rights, self._is_over = system, owners, rights, is_over
@@ -92,8 +95,11 @@ class Calls:
         try:
             if to not in self._clients:
                 self._clients[to] = Client(self._system, to, self.program, peer=self._peer)
-            self._clients[to].seen = seen
-            sent = self._clients[to].send(command, values, text)
+            client = self._clients[to]
+            client.seen = seen
+            if self._first is not None:
+                self._first.mark(client)
+            sent = client.send(command, values, text)
         except (SegmentError, MailboxFull, ValueError, KeyError) as error:
             raise WrongMessage(str(error)) from None
         self._due_ns = monotonic_ns() + SOON_NS

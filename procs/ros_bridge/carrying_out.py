@@ -19,6 +19,7 @@ import numpy as np
 
 from trocar.procs.crtk.held import Held, ending, presses
 from trocar.procs.crtk.joint_order import JointNames, WrongNames, in_order
+from trocar.procs.crtk.last_look import LastLook
 from trocar.procs.document.bridges import RosBridge
 from trocar.procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, frame_of, no_text
 from trocar.procs.ros_bridge.publishing import ros_topic
@@ -29,9 +30,12 @@ from trocar.shm.commands import may_power
 from trocar.shm.mailbox.client import Client, MailboxFull
 from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns
 
 MAY_NOT: Final = "the ROS bridge may not power, home or release anything (trocar: {ros: {may_power: …}})"
 BY_ORDER: Final = "trocar: {ros: {check_names: false}} ignores names"
+JOINING_NS: Final = 5_000_000_000
+"""After its start the bridge finds nodes that were there before: a stream of theirs may have begun earlier."""
 MAX_PEERS: Final = 256
 """Maximum number of participants distinguished, and of handles kept."""
 
@@ -66,14 +70,18 @@ class PendingCommand(NamedTuple):
 
     is_of_stream: bool
     carry_out: Callable[[], None]
+    leave_out: Callable[[], None]
 
 
 class Commands:
     """All commands that ROS may give to a system."""
 
     def __init__(self, participant: Participant, system: str, addressees: Iterable[Addressee], bridge: RosBridge,
-                 refusals: Refusals, joints: Callable[[str], JointNames]) -> None:
-        """`joints` returns the joint names of a view, by its name."""
+                 refusals: Refusals, joints: Callable[[str], JointNames], last_look: LastLook,
+                 refuse_move: Callable[[str], None]) -> None:
+        """`joints` returns the joint names of a view, by its name; `refuse_move` ends a move that an arm never got."""
+        self._refuse_move = refuse_move
+        self._last_look, self._joined_ns = last_look, monotonic_ns() + JOINING_NS
         self._bridge, self._say, self._system = bridge, refusals.say, system
         self._peers, self._peer_of = itertools.count(1), lru_cache(MAX_PEERS)(self._next_peer)
         self._clients: dict[tuple[str, int], Client] = {}
@@ -93,7 +101,8 @@ class Commands:
 
     def take(self) -> list[PendingCommand]:
         """All received commands."""
-        return [PendingCommand(asked.row.depth == STREAM, partial(self._carry_out, asked, message))
+        return [PendingCommand(asked.row.depth == STREAM, partial(self._carry_out, asked, message),
+                               partial(self._leave_out, asked, message))
                 for asked in self._asked for message in asked.reader.take(partial(self._say, asked.to))]
 
     def hear(self) -> None:
@@ -124,16 +133,28 @@ class Commands:
             numbers = np.asarray(taken.numbers(message), dtype=np.float64)
             if not self._bridge.may_power and may_power(row, text, numbers):
                 raise ValueError(MAY_NOT)
-            client = self._client(to, self._peer(asked.reader, message))
+            client = self._sender(asked, message)
             self._open.setdefault(client, set()).add(client.send(row.name, numbers, text))
             if row.ended_by and (pressed := presses(row, numbers.tolist())) is not None:
                 self._held.pop(held := ending(to, row, text), None)
                 if pressed:
                     self._held[held] = asked.reader, message.sample_info.publication_handle
-        except WrongNames as error:
-            self._say(to, f"{to}: {row.name}: {error}; {BY_ORDER}")
         except (MailboxFull, SegmentError, ValueError) as error:
-            self._say(to, f"{to}: {row.name}: {error}")
+            remedy = f"; {BY_ORDER}" if isinstance(error, WrongNames) else ""
+            self._say(to, f"{to}: {row.name}: {error}{remedy}")
+            if row.name.rpartition("/")[2].startswith("move_"):
+                self._refuse_move(to)
+
+    def _leave_out(self, asked: AskedTopic, message: Any) -> None:
+        """A stream whose goals are left out goes on: else the next one would begin a new stream."""
+        if asked.row.row.stream:
+            with suppress(SegmentError):
+                self._sender(asked, message).pass_over()
+
+    def _sender(self, asked: AskedTopic, message: Any) -> Client:
+        client = self._client(asked.to, self._peer(asked.reader, message))
+        self._last_look.mark(client)
+        return client
 
     def _frame(self, row: CommandRow, frame: str) -> str:
         """The frame as the command gets it; ValueError if it takes none."""
@@ -161,6 +182,8 @@ class Commands:
                 self._open.pop(gone, None)
                 gone.close()
             client = self._clients[to, peer] = Client(self._system, to, "ros_bridge", peer=peer)
+            if monotonic_ns() < self._joined_ns:
+                client.join()
         return client
 
     def close(self) -> None:

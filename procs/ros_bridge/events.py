@@ -15,7 +15,7 @@ from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, OF_EVENT, stamped, 
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_bridge.shown import ShownTopics
 from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
-from trocar.procs.ros_messages.messages import Joy, Log, OperatingState, String
+from trocar.procs.ros_messages.messages import Bool, Joy, Log, OperatingState, String
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import ERROR, STATUS, WARNING
 
@@ -64,6 +64,7 @@ class EventTopics:
         self._fields = {name: ring.field(name) for name in ring.dtype.names or () if name not in ("sequence",)}
         self._rows: dict[bytes, tuple[type[IdlStruct], list[TopicWriter[Any]]]] = {}
         self._refused: list[str] = []
+        self._refused_moves = 0
         self._reported: deque[tuple[int, str]] = deque(maxlen=REMEMBERED)
         """Its own warnings and errors, with their stamps."""
         self.state: ToldState | None = None
@@ -96,12 +97,29 @@ class EventTopics:
                 self._reported.append((ring.stamp_ns, str(plain(event["text"]))))
         if self._refused:
             self._tell_refusals(now_ns)
+        if self._refused_moves:
+            self._tell_refused_moves(stamps.ns(now_ns), now_ns)
         if self.state is not None and now_ns >= self.state.due_ns and self.state.is_read:
             self.state.tell(stamps.ns(now_ns), now_ns)
 
     def refuse(self, text: str) -> None:
         """Publish a refusal as its warning in the next `step`, unless it has reported that itself."""
         self._refused.append(text)
+
+    def refuse_move(self) -> None:
+        """A move that never reached it: as for its own refusals, clients that wait for its end continue at once."""
+        self._refused_moves += 1
+
+    def _tell_refused_moves(self, ros_ns: int, now_ns: int) -> None:
+        told, self._refused_moves = self.state, 0
+        if told is None or told.message.is_busy:  # its own move will end
+            return
+        told.message.is_busy = True
+        told.tell(ros_ns, now_ns)
+        for writer in self._rows.get(b"goal_reached", NOT_SHOWN)[1]:
+            writer.write(Bool(False))
+        told.message.is_busy = False
+        told.tell(ros_ns, now_ns)
 
     def _tell_refusals(self, now_ns: int) -> None:
         said = [text for stamp_ns, text in self._reported if now_ns - stamp_ns < RECENT_NS]

@@ -12,6 +12,7 @@ from typing import Final
 
 from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.joint_order import JointNames
+from trocar.procs.crtk.last_look import LastLook
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from trocar.procs.crtk.views import OpenTopic, Stamps
 from trocar.procs.document.system import SystemConfig
@@ -85,7 +86,9 @@ class RosLoop(UserNode):
         self._publish_all(ShownTopics(document, row))
         arms = [each for each in asked if each.kind == "arm"]
         refusals = Refusals(self._refused, self.time.now_ns)
-        self._incoming = Commands(participant, self.system, asked, row, refusals, cache(self._joints))
+        self._last_look = LastLook(self.own.faults().generation)
+        self._incoming = Commands(participant, self.system, asked, row, refusals, cache(self._joints), self._last_look,
+                                  self._refuse_move)
         states = {arm.name: partial(self._state_of, arm.name) for arm in arms}
         replier = Replier(row.domain, row.interface)
         self.services = Services(participant, replier, self.system, arms, states, refusals, self.time.now_ns)
@@ -151,15 +154,20 @@ class RosLoop(UserNode):
         if to in self.events:
             self.events[to].refuse(text)
 
+    def _refuse_move(self, to: str) -> None:
+        if to in self.events:
+            self.events[to].refuse_move()
+
     def _rest(self, left_ns: int, looks: bool) -> None:
         """Execute ROS requests at once.
 
         A stall is checked after taking the messages and before each one: some may have arrived during the stall.
         """
         came = self.participant.wait(min(left_ns, round(self.own.row.period_s * 1e9)))
+        if boottime_ns() >= self._deaf_until_ns:
+            self._last_look.look()
         for wish in self._incoming.take() if came else ():
-            if not self._leaves_out(wish.is_of_stream):
-                wish.carry_out()
+            (wish.leave_out if self._leaves_out(wish.is_of_stream) else wish.carry_out)()
         self._leaves_out(False)
         self._incoming.hear()
         self.services.take(boottime_ns())

@@ -9,9 +9,11 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+from trocar.procs.crtk.last_look import FirstMessages
 from trocar.procs.node import runtime
 from trocar.procs.node.serving import ServingLoop
 from trocar.procs.socket_bridge.server import SocketServer
+from trocar.shm.mailbox.generations import Faults
 
 
 class SocketLoop(ServingLoop):
@@ -20,7 +22,8 @@ class SocketLoop(ServingLoop):
     def __init__(self, node: runtime.Node) -> None:
         """Take the sockets; AccessError when the token or a certificate cannot be used."""
         super().__init__(node)
-        self._server = SocketServer(node.document, node.is_over, node.log)
+        first = FirstMessages(node.hold(Faults(node.document.name)).generation)
+        self._server = SocketServer(node.document, node.is_over, node.log, first)
         self.events.run_until_complete(self._server.listen(self.sockets()))
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Final
 
 from trocar.procs.crtk.calls import owners_of
+from trocar.procs.crtk.last_look import FirstMessages
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.machine.access import is_ours, tls_of, token_in
 from trocar.procs.socket_bridge.connection import Connection
@@ -25,7 +26,8 @@ QUICKEST_S: Final = 0.001
 class SocketServer:
     """One system's bridge, in the caller's event loop."""
 
-    def __init__(self, document: SystemConfig, is_over: Callable[[], bool], log: logging.Logger) -> None:
+    def __init__(self, document: SystemConfig, is_over: Callable[[], bool], log: logging.Logger, first: FirstMessages
+                 ) -> None:
         """AccessError when its token or certificate cannot be used. `is_over`: see `Admission`."""
         if document.socket is None:
             raise ValueError("the system has no socket bridge")
@@ -33,7 +35,7 @@ class SocketServer:
         self._tls = tls_of(self._bridge)
         self.served = ClientService(document.name, document.clock, token_in(self._bridge.token_file),
                                     Topics(document.name), instances_of(document), owners_of(document), is_over,
-                                    self._wake)
+                                    first, self._wake)
         self.sessions: set[Session] = set()
         self._servers: list[asyncio.Server] = []
         self._timer: asyncio.TimerHandle | None = None

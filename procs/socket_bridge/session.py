@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from trocar.procs.crtk.calls import Calls, ClientCounts, CommandOwner
 from trocar.procs.crtk.held import HeldDown
+from trocar.procs.crtk.last_look import FirstMessages
 from trocar.procs.crtk.messages import Message, NoMessage, WrongMessage, parsed, said
 from trocar.procs.document.bridges import COMMAND, VIEW, Rights
 from trocar.procs.document.user_process import PROPERTIES, SET_PROPERTY
@@ -40,6 +41,7 @@ class ClientService:
     instances: dict[str, str]
     owners: dict[str, CommandOwner]
     is_over: Callable[[], bool]
+    first: FirstMessages
     wake: Callable[[], None]
     counts: ClientCounts = field(default_factory=ClientCounts)
 
@@ -53,7 +55,7 @@ class Session:
         self.streams: dict[str, Feed] = {}
         self.reads: list[Reading] = []
         self._kept: dict[str, tuple[SharedTopic, int]] = {}
-        self.calls = Calls(served.system, served.owners, rights, served.is_over)
+        self.calls = Calls(served.system, served.owners, rights, served.is_over, served.first)
         self._held = HeldDown(self.calls)
         self._served, self._counts, self._wrong, self._is_first = served, served.counts, 0, True
         self._ops: dict[str, Callable[[Message], None]] = {

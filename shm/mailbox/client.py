@@ -75,7 +75,7 @@ class MailboxShare:
         """Send through our own place; MailboxFull or SegmentError if there is no room."""
         if not self.has_place:
             self.take_place()
-        number = self.place.send(name, values, text, origin, handle.peer)
+        number = self.place.send(name, values, text, origin, handle.peer, sent_ns=handle.sent_ns)
         self._senders[number] = handle
         if len(self._senders) > KEPT:
             self._forget_oldest()
@@ -211,6 +211,8 @@ class Client:
         """Of the last command sent."""
         self.seen: int | None = None
         """Number of faults that a remote person, informed late, knows of; None: all."""
+        self.sent_ns = 0
+        """When such a person sent the next command at the earliest, on CLOCK_MONOTONIC; 0: when it is sent here."""
         self._whole: Origin | None = None
         self._stream, self._streamed_ns = NOBODY, -STREAM_NS
         self.inbox: list[Reply] = []
@@ -263,14 +265,23 @@ class Client:
             return self._whole
         if streams:
             now_ns = self._time_ns()
-            under_way, self._streamed_ns = now_ns - self._streamed_ns < STREAM_NS, now_ns
-            if under_way:
+            sent_ns, last_ns = self.sent_ns or now_ns, self._streamed_ns
+            self._streamed_ns = now_ns
+            if sent_ns - last_ns < STREAM_NS:
                 return self._stream
         generation = self._desk.generation() if self.seen is None else self.seen
         self.origin = origin = Origin(self._new_number(), generation, self._program)
         if streams:
             self._stream = origin
         return origin
+
+    def pass_over(self) -> None:
+        """A goal of a stream is not sent; the stream goes on."""
+        self._own_origin(True)
+
+    def join(self) -> None:
+        """A stream that is under way now began before we came: its goals have no origin until it pauses."""
+        self._stream, self._streamed_ns = NOBODY, self._time_ns()
 
     def begin(self) -> None:
         """Take the place now, and look for the page of faults, which is else done with the first command."""

@@ -123,11 +123,12 @@ class Place:
         return [row for row in listed if isinstance(row, dict)] if isinstance(listed, list) else []
 
     def send(self, name: str, values: Any = (), text: str = "", origin: Origin = NOBODY, peer: int = 0,
-             wake: bool = True) -> int:
+             wake: bool = True, sent_ns: int = 0) -> int:
         """Queue a command, returns its id; MailboxFull if the owner does not keep up, KeyError: no such command.
 
         `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8; `origin`: of the
-        person's command behind it; `peer`: see SenderId. Without `wake` the owner sees it at its next look.
+        person's command behind it; `peer`: see SenderId. Without `wake` the owner sees it at its next look. `sent_ns`:
+        when a client of ours sent it at the earliest, on CLOCK_MONOTONIC; 0: now.
         """
         code = self._codes.get(name)
         if code is None:
@@ -145,9 +146,10 @@ class Place:
             if n - self._known > COMMANDS_DEPTH:
                 raise MailboxFull(f"{self.instance} has not taken the last {COMMANDS_DEPTH} commands")
         at, whose, by = self._queue[n % COMMANDS_DEPTH] + COMMAND_START, (origin.id, origin.generation), origin.program
+        when_ns = sent_ns or monotonic_ns()
         try:
             COMMANDS_OF[count].pack_into(
-                self._view, at, monotonic_ns(), n, *whose, code, count, peer, by.encode(), encoded, *numbers)  # M2
+                self._view, at, when_ns, n, *whose, code, count, peer, by.encode(), encoded, *numbers)  # M2
         except struct.error:
             raise ValueError(f"{name}: {values!r} are not numbers") from None
         self._count = self._words[self._sent] = n  # M3

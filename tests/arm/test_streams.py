@@ -340,3 +340,21 @@ def test_another_instrument_ends_every_stream(harness: ArmHarness) -> None:
     harness.arm.control.use(harness.arm.joints)
     assert "the instrument was changed" in refused(harness, "servo_jp", at(0.05))
     assert STREAM_NS < STREAM_PAUSE_NS
+
+
+def test_an_ended_stream_does_not_begin_anew_because_its_bridge_stalled(harness: ArmHarness) -> None:
+    bridge, pid = SenderId(3, 1), 4711
+
+    def goal(count: int) -> FakeRequest:
+        request = FakeRequest("servo_jp", at(0.0), origin=Origin(pid << 32 | count, 0, "ros_bridge"), sender=bridge)
+        request.pid = pid
+        harness.step(request)
+        return request
+
+    assert goal(1).outcomes == ["done"]
+    ask(harness, OTHER, "hold")
+    assert goal(1).outcomes == ["refused"]
+    harness.run(2 * STREAM_PAUSE_NS * 1e-9)
+    assert goal(1).outcomes == ["refused"], "the bridge has seen no pause of its client"
+    harness.run(2 * STREAM_PAUSE_NS * 1e-9)
+    assert goal(2).outcomes == ["done"]

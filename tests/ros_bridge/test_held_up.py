@@ -21,12 +21,13 @@ class StoppedBridge:
     """The loop's waiting, with a clock of the test; `pauses` say how long the kernel holds it up, and where."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.now_ns, self.done, self.told = 0, [], 0
+        self.now_ns, self.done, self.left_out, self.told, self.looks = 0, [], [], 0, 0
         self.pauses: dict[str, int] = {}
         monkeypatch.setattr(loop, "boottime_ns", lambda: self.now_ns)
         made: Any = RosLoop.__new__(RosLoop)
         quiet = SimpleNamespace(take=lambda now_ns: None, hear=lambda: None)
         made.participant = SimpleNamespace(wait=lambda timeout_ns: self._spend("wait", True))
+        made._last_look = SimpleNamespace(look=self._look)
         made._incoming, made.services = SimpleNamespace(take=self._take, hear=lambda: None), quiet
         made._awake_ns, made._deaf_until_ns, made._forgets_all, made.name = 0, 0, False, "ros_bridge"
         made.own = SimpleNamespace(late_s=LATE_S, row=SimpleNamespace(period_s=0.005),
@@ -41,8 +42,12 @@ class StoppedBridge:
         return result
 
     def _take(self) -> list[PendingCommand]:
-        came = [PendingCommand(what == GOAL, partial(self._carry_out, what)) for what in (GOAL, MOVE)]
+        came = [PendingCommand(what == GOAL, partial(self._carry_out, what), partial(self.left_out.append, what))
+                for what in (GOAL, MOVE)]
         return self._spend("take", came)
+
+    def _look(self) -> None:
+        self.looks += 1
 
     def _carry_out(self, what: str) -> None:
         self.done.append(what)
@@ -50,7 +55,7 @@ class StoppedBridge:
 
     def turn(self) -> list[str]:
         """What is carried out of one goal and one move that came."""
-        self.done = []
+        self.done, self.left_out = [], []
         self._loop._rest(5 * MS_NS, False)
         return self.done
 
@@ -75,6 +80,17 @@ def test_goals_of_a_stream_are_left_out_soon_and_all_else_after_a_silence(
     bridge.turn()
     bridge.now_ns += DEAF_NS // 2
     assert bridge.turn() == [GOAL, MOVE]
+
+
+def test_until_all_is_brought_what_comes_counts_as_sent_before_the_silence(bridge: StoppedBridge) -> None:
+    bridge.pauses["wait"] = 5 * STREAM_NS
+    before = bridge.looks
+    assert bridge.turn() == [MOVE] and bridge.left_out == [GOAL] and bridge.looks == before + 1
+    assert bridge.turn() == [MOVE] and bridge.looks == before + 1
+    bridge.now_ns += 2 * DEAF_NS
+    bridge.turn()
+    bridge.turn()
+    assert bridge.looks > before + 1
 
 
 def test_what_was_taken_before_a_silence_is_not_carried_out_after_it(bridge: StoppedBridge) -> None:

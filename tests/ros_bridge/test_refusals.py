@@ -9,7 +9,14 @@ from typing import Any
 import pytest
 
 from tests.ros_bridge.hosted_bridge import HostedBridge, bridged
-from trocar.procs.ros_messages.messages import Float64, JointStates, PoseStamped, StringStamped
+from trocar.procs.ros_messages.messages import (
+    Bool,
+    Float64,
+    JointStates,
+    OperatingState,
+    PoseStamped,
+    StringStamped,
+)
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +46,18 @@ def test_a_refusal_is_published_once_by_the_component_that_the_message_was_for(b
     assert len([text for text in own if command in text]) == 1, heard
     assert len([text for text in heard["ros_bridge"] if command in text and component in text]) == 1, heard
     assert any(command in text for text in heard["/rosout"])
+
+
+def test_a_move_that_the_bridge_refuses_is_over_at_once_for_clients_that_wait(bridge: HostedBridge) -> None:
+    for topic, message in (("PSM1/goal_reached", Bool), ("PSM1/operating_state", OperatingState)):
+        bridge.hear(topic, message)
+    bridge.run(0.3)
+    for topic in ("PSM1/goal_reached", "PSM1/operating_state"):
+        bridge.came(topic)
+    bridge.tell("PSM1/move_jp", JointStates(name=["nobody"], position=[0.1]), 0.3)
+    assert [message.data for message in bridge.came("PSM1/goal_reached")] == [False]
+    busy = [message.is_busy for message in bridge.came("PSM1/operating_state")]
+    assert True in busy and not busy[-1]
 
 
 def test_the_same_refusal_is_published_once_a_second(bridge: HostedBridge) -> None:

@@ -14,6 +14,7 @@ from cyclonedds.core import DDSException
 
 from tests.conftest import World
 from trocar.procs.crtk.demand import Wanted
+from trocar.procs.crtk.last_look import LastLook
 from trocar.procs.crtk.views import Stamps
 from trocar.procs.document.bridges import RosBridge
 from trocar.procs.ros_bridge import carrying_out
@@ -141,7 +142,9 @@ def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.Mo
 
     class FakeRosClient:
         def __init__(self, system: str, to: str, called: str, peer: int = 0) -> None:
-            self.instance = to
+            self.instance, self.sent_ns, self.seen = to, 0, None
+
+        def join(self) -> None: ...
 
         def send(self, name: str, values: Any, text: str) -> int:
             sent.append((name, list(values)))
@@ -155,7 +158,8 @@ def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.Mo
     node: Any = SimpleNamespace(reader=lambda name, *_: readers.setdefault(name, FakeReader(name, writers)))
     absent: Any = None
     commands = carrying_out.Commands(node, "x", [carrying_out.Addressee("console", "console")], RosBridge(),
-                                     Refusals(lambda to, text: None, lambda: 0), joints=lambda view: absent)
+                                     Refusals(lambda to, text: None, lambda: 0), joints=lambda view: absent,
+                                     last_look=LastLook(int), refuse_move=lambda to: None)
 
     def say(name: str, pressed: int | None, handle: int) -> None:
         message = Joy(buttons=[] if pressed is None else [pressed])

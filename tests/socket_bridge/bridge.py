@@ -12,9 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tests.tools.robot import ScriptedRobot, robot
+from trocar.procs.crtk.last_look import FirstMessages
 from trocar.procs.document.bridges import SocketBridge
 from trocar.procs.document.system import from_json
 from trocar.procs.socket_bridge.server import SocketServer
+from trocar.shm.mailbox.generations import Faults
 from trocar.shm.system import directory
 
 LOCAL = SocketBridge(("127.0.0.1:7380",))
@@ -92,7 +94,8 @@ async def bridge(name: str, settings: SocketBridge = LOCAL) -> AsyncIterator[Bri
         object.__setattr__(document, "socket", settings)
         listening = socket.create_server(("127.0.0.1", 0))
         made: list[Bridge] = []
-        server = SocketServer(document, lambda: made[0].is_over, logging.getLogger("bridge"))
+        server = SocketServer(document, lambda: made[0].is_over, logging.getLogger("bridge"),
+                              FirstMessages(Faults(name).generation))
         made.append(Bridge(server, listening.getsockname()[1], scripted))
         await server.listen([listening])
         try:

@@ -289,3 +289,47 @@ def test_a_stop_through_the_place_for_stops_is_that_of_its_program(system: str, 
     assert person.send("hold") < 0
     senders = {got.sender for _ in range(5) for got in box.drain()}
     assert len(senders) == 1
+
+
+def test_a_message_that_waited_counts_from_when_it_may_have_been_sent(
+        person: Client, system: str, box: Mailbox) -> None:
+    stopper = Client(system, "PSM1", "stopper")
+    person.sent_ns = time.monotonic_ns()
+    stopper.send("hold")
+    assert ran(box) == ["hold"]
+    person.send("move_jp", [0.0] * 6)
+    assert ran(box) == [] and person.poll()[-1].text.startswith("stopped by")
+    person.sent_ns = time.monotonic_ns()
+    person.send("move_jp", [0.0] * 6)
+    assert ran(box) == ["move_jp"]
+    stopper.close()
+
+
+def test_a_stream_whose_bridge_stalls_does_not_begin_anew(person: Client, box: Mailbox, cell: FaultCell) -> None:
+    person.send("servo_jp", [0.0] * 6)
+    assert ran(box) == ["servo_jp"]
+    person.sent_ns = time.monotonic_ns()
+    cell.fault()
+    time.sleep(0.15)
+    person.send("servo_jp", [0.0] * 6)
+    assert ran(box) == [], "it only seems to have paused"
+    person.sent_ns = time.monotonic_ns()
+    time.sleep(0.15)
+    person.pass_over()
+    person.sent_ns = time.monotonic_ns()
+    person.send("servo_jp", [0.0] * 6)
+    assert ran(box) == [], "a goal that was left out is one of the stream"
+    time.sleep(0.15)
+    person.sent_ns = 0
+    person.send("servo_jp", [0.0] * 6)
+    assert ran(box) == ["servo_jp"]
+
+
+def test_a_stream_that_a_new_bridge_finds_has_no_origin_until_it_pauses(person: Client, box: Mailbox) -> None:
+    person.join()
+    for _ in range(3):
+        person.send("servo_jp", [0.0] * 6)
+        assert ran(box) == []
+    time.sleep(0.15)
+    person.send("servo_jp", [0.0] * 6)
+    assert ran(box) == ["servo_jp"]
