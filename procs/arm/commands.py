@@ -92,7 +92,7 @@ class ArmCommands:
         control, what = self._control, f"({request.name} {request.text}".rstrip() + ")"
         who = request.origin.program or "another program"
         control.record.show_stop(f"{who} {what}")
-        control.streams.end(f"{who} stopped the arm {what}", control.now_ns, spared=request.sender)
+        control.streams.end(f"{who} stopped the arm {what}", spared=request.sender)
 
     def _need(self, name: str, ready: Ready) -> None:
         """CommandRefused unless the arm is ready for it."""

@@ -91,7 +91,7 @@ class Control:
     def use(self, joints: JointSpace) -> None:
         """Use another joint space, at rest at the held actuator positions."""
         kept = self.joints.to_actuator @ self.here if self.driving is not None else None
-        self.streams.end("the instrument was changed", self.now_ns)
+        self.streams.end("the instrument was changed")
         self.joints = joints
         self.io.use(joints)
         self.motion.use(joints)
@@ -234,7 +234,7 @@ class Control:
 
     def end_streams(self, why: str, kinds: Iterable[StreamKind]) -> None:
         """Hold, and refuse these streams until they have paused."""
-        self.streams.end(why, self.now_ns, kinds)
+        self.streams.end(why, kinds)
         self._hold(why)
 
     def _hold(self, why: str) -> None:

@@ -125,11 +125,11 @@ class Streams:
         """The arm no longer follows a stream or move."""
         self._leader = self.asking = None
 
-    def end(self, reason: str, now_ns: int, kinds: Iterable[StreamKind] = tuple(StreamKind), *,
-            spared: Hashable = None) -> None:
-        """End the streams of all programs, except one that is `spared`."""
+    def end(self, reason: str, kinds: Iterable[StreamKind] = tuple(StreamKind), *, spared: Hashable = None) -> None:
+        """End the streams of all programs, except one that is `spared`; also those that pause, or whose bridge stalls.
+        """
         for stream in self._streams.values():
-            if stream.kind in kinds and stream.sender != spared and not stream.has_paused(now_ns):
+            if stream.kind in kinds and stream.sender != spared:
                 self.end_one(stream, reason)
 
     def end_one(self, stream: Stream, reason: str) -> None:

@@ -30,7 +30,7 @@ class Programs:
         return why
 
     def stop(self, by: str) -> None:
-        self.streams.end(f"{by}.py stopped the arm (hold)", self.now_ns, spared=by)
+        self.streams.end(f"{by}.py stopped the arm (hold)", spared=by)
 
 
 def test_one_program_streams_positions_until_it_has_paused() -> None:

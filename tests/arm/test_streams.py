@@ -358,3 +358,6 @@ def test_an_ended_stream_does_not_begin_anew_because_its_bridge_stalled(harness:
     assert goal(1).outcomes == ["refused"], "the bridge has seen no pause of its client"
     harness.run(2 * STREAM_PAUSE_NS * 1e-9)
     assert goal(2).outcomes == ["done"]
+    harness.run(2 * STREAM_PAUSE_NS * 1e-9)
+    ask(harness, OTHER, "hold")
+    assert goal(2).outcomes == ["refused"], "the stop came during the stall"
