@@ -42,7 +42,7 @@ from trocar.procs.io.start import restore
 from trocar.procs.io.tasks import Tasks
 from trocar.procs.io.timing import Timing
 from trocar.procs.io.watchdogs import Watchdogs
-from trocar.procs.native.io_fields import LIMIT, MISSED, NOT_FINITE, STATUS, TRACKING
+from trocar.procs.native.io_fields import CONTROLLED, LIMIT, MISSED, NOT_FINITE, SENT, STATUS, TRACKING
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
@@ -112,7 +112,6 @@ class RobotIo:
                           cells, BoardDevices(self._bias, self.safety, self.digital_outputs, self.gains,
                                               self.instruments, self._axis_drive, self._cart, self._setup_brakes))
         self._commands, self._fault_handler = IoCommands(devices), FaultHandler(devices)
-        self.halves = Halves(self, is_over, over_ns)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
@@ -122,6 +121,7 @@ class RobotIo:
         self._before_ns = self._good_ns
         period_ns = io.period_s * 1e9
         self._gap_ns, self._stable_ns = period_ns, max(STABLE_NS, PERIODS * period_ns)
+        self.halves = Halves(self, is_over, over_ns, (self._oldest_ns, float(self._stable_ns), float(GAPS)))
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)
@@ -142,7 +142,7 @@ class RobotIo:
     def cycle(self, commands: Iterable[Request] = ()) -> None:
         """One cycle; the caller publishes the record afterwards, and has numpy ignore NaN and infinite values.
 
-        `commands`: () for none. In steady state, Python only passes from one half (procs/io/halves.py) to the other.
+        `commands`: () for none. In steady state, nothing is done between the halves (procs/io/halves.py).
         """
         read_ns = self._now_ns()
         self.port.ask_all()
@@ -151,14 +151,14 @@ class RobotIo:
         if news & ~self.follow.desired_bit:
             self.follow.receive(read_ns, news)
         self.desired.has_news = news >= self.follow.desired_bit and self.desired.are_new()
-        is_busy = bool(commands) or self._is_busy()
-        bits = self.halves.receive_and_check()
+        wake_ns = 0 if commands or self._is_busy() else self.power.wake_ns
+        bits = self.halves.receive_and_check(self._good_ns, wake_ns, self._gap_ns)
         self.good = good = not bits & MISSED
         now_ns = self.stamp_ns = self.port.recv_ns if good else self._now_ns()
         if good:
             self._before_ns, self._good_ns = self._good_ns, now_ns
             self._gap_ns += (min(now_ns - self._before_ns, self._oldest_ns) - self._gap_ns) / GAPS
-        if bits or is_busy or now_ns >= self.power.wake_ns or self.port.away.tobytes() != self._nobody:
+        if not bits & CONTROLLED and (bits or now_ns >= wake_ns or self.port.away.tobytes() != self._nobody):
             self._decide(bits, commands, now_ns)
         else:
             self._whole_ns = now_ns
@@ -166,7 +166,9 @@ class RobotIo:
         share = min(1.0, self._stable_ns / self._gap_ns)
         if not good:
             share *= share_of(now_ns - self._good_ns)
-        if self.halves.control_and_send(share, good) & NOT_FINITE:
+        if not bits & SENT:
+            bits = self.halves.control_and_send(share, good and not bits & CONTROLLED)
+        if bits & NOT_FINITE:
             self._not_finite(now_ns)
         self._setup_brakes.step(now_ns)
         self._cart.step(now_ns)

@@ -5,7 +5,7 @@
 
 Between them Python acts, if the first half returned a bit. The methods here are numpy. The native library replaces
 `decode_and_check`, `control_and_encode` and `show` by functions with bit-identical results; on a bus with one query and
-one write for all boards, they are then part of the native calls that receive and send.
+one write for all boards, they are then part of the native calls that receive and send, or of one call that does both.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from trocar.procs.io.bus.exchange import ExchangeSettings
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.io_fields import IO, LIMIT, MISSED, NOT_FINITE, SENT, STATUS, TRACK, TRACKING
+from trocar.procs.native.io_fields import CONTROLLED, IO, LIMIT, MISSED, NOT_FINITE, SENT, STATUS, TRACK, TRACKING
 from trocar.procs.native.library import bind
 
 if TYPE_CHECKING:
@@ -25,11 +26,11 @@ if TYPE_CHECKING:
 class Halves:
     """Both halves for one io."""
 
-    def __init__(self, core: RobotIo, is_over: Callable[[], bool], over_ns: Callable[[], int], *, native: bool = True
-                 ) -> None:
+    def __init__(self, core: RobotIo, is_over: Callable[[], bool], over_ns: Callable[[], int],
+                 uses: tuple[int, float, float], *, native: bool = True) -> None:
         """`core` has the arrays, under the names of procs/native/io_fields.py. `is_over` says whether a stall has
-        interrupted this cycle, `over_ns` from which time on CLOCK_BOOTTIME that is so. `native`: use the native library
-        if there is one.
+        interrupted this cycle, `over_ns` from which time on CLOCK_BOOTTIME that is so. `uses`: see ExchangeSettings.
+        `native`: use the native library if there is one.
         """
         self._port, self._outputs, self._samples, self._pid = core.port, core.outputs, core.samples, core.pid
         self._power, self._safety = core.power, core.safety
@@ -43,24 +44,27 @@ class Halves:
         if isinstance(self.bound, BoundStruct):
             self.decode_and_check, self.control_and_encode, self.show = (  # type: ignore[method-assign]
                 self.bound.function(name) for name in IO.functions)
-            core.port.set_exchange(self.bound)
+            core.port.set_exchange(ExchangeSettings(self.bound, *uses))
         else:
             self.track, self.why_numpy = numpy_track(core), self.bound
 
-    def receive_and_check(self) -> int:
+    def receive_and_check(self, good_ns: int, wake_ns: int, gap_ns: float) -> int:
         """Wait for the reply to `BusPort.ask_all`, and check it. 0, or bits:
 
         MISSED: there is no complete fresh sample. STATUS: status words or amplifiers have changed (`Power.step`).
         LIMIT: a value is beyond its limit (`Safety.examine`). TRACKING: so is a tracking error (`Pid.beyond`).
+
+        Without a bit, for samples before `wake_ns`, the native calls may do the other half as well, and then return its
+        bits. `good_ns`: when the previous sample arrived; `gap_ns`: mean interval of the samples so far.
         """
         if self._port.exchange is not None:
-            return self._port.receive_and_check()
+            return self._port.receive_and_check(good_ns, wake_ns, self._over_ns(), gap_ns)
         return self.decode_and_check() if self._port.read_all() else MISSED
 
     def control_and_send(self, share: float, has_sample: bool) -> int:
         """Send this share of the joint controllers' efforts; without a sample that of their last ones.
 
-        0, or NOT_FINITE: 0 A was sent for an effort that is not finite. After a stall all outputs are off instead.
+        Bits: NOT_FINITE: 0 A was sent for an effort that is not finite. After a stall all outputs are off instead.
         """
         port, outputs = self._port, self._outputs
         if port.exchange is not None:
@@ -73,7 +77,7 @@ class Halves:
                 self.control_and_encode(0.0, False)
             port.write_all()
         outputs.written()
-        return bits & NOT_FINITE
+        return bits
 
     def decode_and_check(self) -> int:
         """The bits of `receive_and_check` for the sample in the port's blocks."""
@@ -91,7 +95,7 @@ class Halves:
         """`control_and_send` without the sending: into the port's `out`."""
         if has_sample:
             self._pid.control(self._samples.position, self._samples.velocity)
-        return 0 if self._outputs.encode(share) else NOT_FINITE
+        return (0 if self._outputs.encode(share) else NOT_FINITE) | (CONTROLLED if has_sample else 0)
 
     def show(self) -> int:
         """Fill the rest of the record, after the boards are written. 1: an input has changed (`Buttons.settle`)."""

@@ -43,11 +43,12 @@ NOTHING: Final = -2
 EXCHANGE: Final = CStruct("Exchange", (
     # addresses of the structs of io's halves, of the received and of the sent data
     *rows("i8", "", io="io", hub="hub_address", write="write_address"),
-    # the expected reply: its size, that of its data, its sender
+    # the expected reply: its size, that of its data, its sender; and the permitted uses of a sample
     *rows("i8", "", reply_bytes="reply_bytes", data_bytes="data_bytes", hub_node="hub_node", labels="labels",
-          head_bytes="head_bytes"),
+          head_bytes="head_bytes", oldest_ns="settings.oldest_ns"),
+    *rows("f8", "", stable_ns="settings.stable_ns", gaps="settings.gaps"),
     # control word and headers of a write with each label
     *rows("u1", "labels head_bytes", heads="heads"),
     # size and time of the reply, and time of the write
     *rows("i8", "3", came="came"),
-), {"receive_and_check": ("i8", "i8", "i8", "i8"), "control_and_send": ("i8", "i8", "f8", "i8", "i8")})
+), {"receive_and_check": (*["i8"] * 8, "f8"), "control_and_send": ("i8", "i8", "f8", "i8", "i8")})

@@ -1,4 +1,5 @@
-/* The halves of io's cycle with the system calls: from the boards' reply to its check, and from control to the write. */
+/* The halves of io's cycle with the system calls: from the boards' reply to its check, and from control to the write;
+   one after the other where Python has nothing to decide. */
 #define _GNU_SOURCE
 #include "fields.h"
 #include "numeric.h"
@@ -48,18 +49,25 @@ static int send_all(const Exchange *k, const Write *write, int fd, int64_t label
   return 1;
 }
 
-/* Receive and check. MISSED: what came, if anything, is not what was asked for with `tl`. */
-int64_t Exchange_receive_and_check(const Exchange *k, int64_t fd, int64_t tl, int64_t timeout_ms, int64_t spin_ns) {
-  const Hub *hub = (const Hub *)(intptr_t)k->hub;
-  int64_t size = k->came[SIZE] = receive(hub, (int)fd, timeout_ms, spin_ns);
-  k->came[RECEIVED_NS] = time_ns(CLOCK_MONOTONIC);
-  return is_wanted(k, hub, size, tl) ? Io_decode_and_check((const Io *)(intptr_t)k->io) : MISSED;
-}
-
 /* Control and send, with SENT if that worked; nothing is sent from `over_ns` on. */
 int64_t Exchange_control_and_send(const Exchange *k, int64_t fd, int64_t label, double share, int64_t has_sample,
                                   int64_t over_ns) {
   int64_t bits = Io_control_and_encode((const Io *)(intptr_t)k->io, share, has_sample);
   if (time_ns(CLOCK_BOOTTIME) > over_ns) return bits;
   return send_all(k, (const Write *)(intptr_t)k->write, (int)fd, label) ? bits | SENT : bits;
+}
+
+/* Receive and check. MISSED: what came, if anything, is not what was asked for with `tl`. Without a bit, and before
+   `wake_ns`, the other half follows at once, with `label` and the share that procs/io/cycle.py would take. */
+int64_t Exchange_receive_and_check(const Exchange *k, int64_t fd, int64_t tl, int64_t label, int64_t timeout_ms,
+                                   int64_t spin_ns, int64_t good_ns, int64_t wake_ns, int64_t over_ns, double gap_ns) {
+  const Hub *hub = (const Hub *)(intptr_t)k->hub;
+  int64_t size = k->came[SIZE] = receive(hub, (int)fd, timeout_ms, spin_ns);
+  int64_t now_ns = k->came[RECEIVED_NS] = time_ns(CLOCK_MONOTONIC);
+  if (!is_wanted(k, hub, size, tl)) return MISSED;
+  int64_t bits = Io_decode_and_check((const Io *)(intptr_t)k->io);
+  if (bits || now_ns >= wake_ns) return bits;
+  int64_t age_ns = now_ns - good_ns < k->oldest_ns ? now_ns - good_ns : k->oldest_ns;
+  gap_ns += ((double)age_ns - gap_ns) / k->gaps;
+  return Exchange_control_and_send(k, fd, label, least_of(1.0, k->stable_ns / gap_ns), 1, over_ns);
 }

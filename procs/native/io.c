@@ -240,7 +240,7 @@ static int encode(const Io *k, double share) {
 
 int64_t Io_control_and_encode(const Io *k, double share, int64_t has_sample) {
   if (has_sample) control(k);
-  return encode(k, share) ? 0 : NOT_FINITE;
+  return (encode(k, share) ? 0 : NOT_FINITE) | (has_sample ? CONTROLLED : 0);
 }
 
 /* -- show: procs/io/robots.py, procs/io/digital_outputs.py, procs/io/buttons.py ------------------------------------*/

@@ -12,9 +12,10 @@ STATUS: Final = 2
 LIMIT: Final = 4
 TRACKING: Final = 8
 """Bits of `Halves.receive_and_check` (procs/io/halves.py)."""
-NOT_FINITE: Final = 1
-SENT: Final = 2
-"""Bits of `Halves.control_and_send`; SENT: the native library has sent the words."""
+NOT_FINITE: Final = 16
+CONTROLLED: Final = 32
+SENT: Final = 64
+"""Bits of `Halves.control_and_send`. CONTROLLED: the joint controllers have run, SENT: the words were sent."""
 
 IO: Final = CStruct("Io", (
     *rows("i8", "", n="robots.axes", d="robots.drives", boards="robots.board_count", columns="port.columns.count",

@@ -25,7 +25,7 @@ def _named(module: ModuleType, names: str, prefix: str = "") -> dict[str, int | 
 
 
 CONSTANTS: Final = {
-    **_named(io_fields, "MISSED STATUS LIMIT TRACKING NOT_FINITE SENT"),
+    **_named(io_fields, "MISSED STATUS LIMIT TRACKING NOT_FINITE CONTROLLED SENT"),
     **_named(bus_fields, "NOTHING UNREADABLE"),
     **_named(wire, "BLOCK_RESPONSE HOST_ID"),
     **_named(blocks, "KINDS SCALARS"),

@@ -318,7 +318,7 @@ class IoHarness:
 
     def by_numpy(self) -> IoHarness:
         """From now on without native code, whose insides no test can change."""
-        self.core.halves = Halves(self.core, lambda: self.held_up, lambda: FOR_EVER_NS, native=False)
+        self.core.halves = Halves(self.core, lambda: self.held_up, lambda: FOR_EVER_NS, (0, 1.0, 1.0), native=False)
         return self
 
     def run(self, cycles: int = 1, *commands: FakeCommand) -> None:

@@ -14,10 +14,12 @@ from tests.io.boards_harness import BoardsHarness, Direct
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.io.bus.exchange import Exchange
-from trocar.procs.native.io_fields import SENT
+from trocar.procs.native.io_fields import CONTROLLED, SENT
 from trocar.procs.node.inputs import FOR_EVER_NS
 
 SECOND_NS = 1_000_000_000
+CALM = CONTROLLED | SENT
+"""Bits of a cycle in which the other half followed at once."""
 
 
 class SocketLink(Direct):
@@ -84,7 +86,7 @@ class SocketLink(Direct):
 
 
 class SocketHarness(BoardsHarness):
-    """The demo's PSM, held by its joint controllers; `received` and `sent` are the bits of its calls."""
+    """The demo's PSM, held by its joint controllers; `bits` are those of its calls."""
 
     link: SocketLink
 
@@ -95,20 +97,9 @@ class SocketHarness(BoardsHarness):
         # nobody judges how quick this loop is, and no sample is old because a busy machine had something else to do
         self.core._timing._start_ns += 1 << 62
         self.core._oldest_ns, self.core._stable_ns = 100 * SECOND_NS, SECOND_NS
-        self.received: list[int] = []
-        self.sent: list[int] = []
-        receive, send = self.port.receive_and_check, self.port.control_and_send
-
-        def noted_receive() -> int:
-            self.received.append(receive())
-            return self.received[-1]
-
-        def noted_send(*given) -> int:
-            self.sent.append(send(*given))
-            return self.sent[-1]
-
-        self.port.receive_and_check = noted_receive  # type: ignore[method-assign]
-        self.port.control_and_send = noted_send  # type: ignore[method-assign]
+        self.bits: list[int] = []
+        for name in ("receive_and_check", "control_and_send"):
+            setattr(self.port, name, self._noted(getattr(self.port, name)))
         self.faults = BoardFaults(self.world, self.plant)
         try:
             self.bring_up("PSM1")
@@ -123,26 +114,29 @@ class SocketHarness(BoardsHarness):
         assert self.port.exchange is not None
         return self.port.exchange
 
-    def calm(self, cycles: int = 5) -> None:
-        """Nothing goes on any more: no cycle has a bit but that the words were sent."""
-        for _ in range(500):
-            if self.cycles(cycles) == {(0, SENT)}:
-                return
-        raise AssertionError(f"{self.received} {self.sent}; {self.events}")
+    def _noted(self, call: Callable[..., int]) -> Callable[..., int]:
+        def noted(*given) -> int:
+            self.bits.append(call(*given))
+            return self.bits[-1]
 
-    def cycles(self, count: int) -> set[tuple[int, int]]:
-        """The bits of both calls in these cycles."""
-        self.received.clear()
-        self.sent.clear()
-        self.cycle(count=count)
-        return set(zip(self.received, self.sent, strict=True))
+        return noted
+
+    def calm(self, cycles: int = 5) -> None:
+        """Nothing goes on any more: every cycle is one call."""
+        for _ in range(500):
+            self.bits.clear()
+            self.cycle(count=cycles)
+            if self.bits == [CALM] * cycles:
+                return
+        raise AssertionError(f"{self.bits}; {self.events}")
 
     def to(self, goal: np.ndarray) -> None:
         """The arm asks for these positions of its axes."""
         self.arms["PSM1"].mode[...] = 1
         self.arms["PSM1"].position[: len(goal)] = goal
 
-    def once(self) -> tuple[int, int]:
-        """The bits of both calls in one cycle."""
-        (bits,) = self.cycles(1)
-        return bits
+    def once(self) -> list[int]:
+        """The bits of the calls of one cycle."""
+        self.bits.clear()
+        self.cycle()
+        return self.bits.copy()

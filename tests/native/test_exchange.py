@@ -1,4 +1,4 @@
-"""From the boards' reply to the write behind it in two native calls: the same as step by step, whatever comes."""
+"""From the boards' reply to the write behind it in native calls: the same as step by step, whatever comes."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from tests.native.shadow import bits as bits_of
-from tests.native.socket_harness import SECOND_NS, SocketHarness
+from tests.native.socket_harness import CALM, SECOND_NS, SocketHarness
 from trocar.procs.fpga import wire
 from trocar.procs.io.bus.exchange import Exchange
 from trocar.procs.io.bus.link import Counters
 from trocar.procs.io.bus.protocols import QueryRead
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.io_fields import IO, MISSED, SENT, STATUS
+from trocar.procs.native.io_fields import CONTROLLED, IO, MISSED, SENT, STATUS
 from trocar.procs.native.library import bind, native
+from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.shm.time.clock import boottime_ns
 
 pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
@@ -39,12 +40,14 @@ def good(counters: Counters) -> bool:
     return not (counters.bad_reads or counters.bad_writes or counters.timeouts or counters.stray or counters.dropped)
 
 
-def test_a_calm_cycle_is_two_calls(psm: SocketHarness, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_calm_cycle_is_one_call(psm: SocketHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     psm.port.counters.clear()
     psm.link.forget_written()
     for part, name in ((psm.exchange._link, "receive"), (psm.core, "_decide"), (psm.port, "write_all")):
         monkeypatch.setattr(part, name, None)
-    assert psm.cycles(20) == {(0, SENT)}
+    psm.bits.clear()
+    psm.cycle(count=20)
+    assert psm.bits == [CALM] * 20
     psm.link.deliver()
     counters = psm.port.counters
     assert len(psm.link.written) == 20
@@ -74,9 +77,9 @@ def test_the_calls_leave_what_step_by_step_leaves(psm: SocketHarness, monkeypatc
     assert receive is not None and send is not None
     arrays = [array for array in halves.arrays.values() if array.flags.writeable]
     arrays += [reader.blocks.masked, reader.blocks.bad, reader.blocks.last, groups.datagram_array]
-    compared: list[str] = []
+    compared: list[int] = []
 
-    def both(name: str, by_call: Callable[[], int], step_by_step: Callable[[], int]) -> int:
+    def both(by_call: Callable[[], int], step_by_step: Callable[[], int]) -> int:
         before = [array.copy() for array in arrays]
         bits = by_call()
         after = [array.copy() for array in arrays]
@@ -85,30 +88,37 @@ def test_the_calls_leave_what_step_by_step_leaves(psm: SocketHarness, monkeypatc
         assert step_by_step() == bits
         for made, array in zip(after, arrays, strict=True):
             assert np.array_equal(bits_of(made), bits_of(array))
-        compared.append(name)
+        compared.append(bits)
         return bits
 
-    def take() -> int:
-        assert reader.take(int(exchange.came[0]))
-        return psm.core.halves.decode_and_check()
-
     def write(label: int, share: float, has_sample: int) -> int:
-        done = psm.core.halves.control_and_encode(share, has_sample)
+        bits = psm.core.halves.control_and_encode(share, has_sample)
         groups.pack()
         groups.datagram[:22] = exchange._writer.heads()[label]
         groups.sent()
-        return done | SENT
+        return bits | SENT
 
-    monkeypatch.setattr(exchange, "_receive", lambda *given: both("receive", lambda: receive(*given), take))
+    def step_by_step(fd, tl, label, timeout_ms, spin_ns, good_ns, wake_ns, over_ns, gap_ns) -> int:
+        assert reader.take(int(exchange.came[0]))
+        bits = psm.core.halves.decode_and_check()
+        if bits or exchange.came[1] >= wake_ns:
+            return bits
+        settings = exchange.settings
+        gap_ns += (min(int(exchange.came[1]) - good_ns, settings.oldest_ns) - gap_ns) / settings.gaps
+        return write(label, min(1.0, settings.stable_ns / gap_ns), 1)
+
+    monkeypatch.setattr(exchange, "_receive", lambda *given: both(
+        lambda: receive(*given), lambda: step_by_step(*given)))
     monkeypatch.setattr(exchange, "_send", lambda fd, label, share, has_sample, over_ns: both(
-        "send", lambda: send(fd, label, share, has_sample, over_ns), lambda: write(label, share, has_sample)))
+        lambda: send(fd, label, share, has_sample, over_ns), lambda: write(label, share, has_sample)))
     goal = psm.record.position.copy()
-    for cycle in range(60):
+    for cycle in range(100):
         goal[0] += 1e-4
         psm.to(goal)
         psm.core._good_ns -= cycle % 4 * SECOND_NS  # some gaps are longer: then efforts are less
+        psm.core.power.wake_ns = FOR_EVER_NS if cycle % 7 else 0  # sometimes Python has its turn between the halves
         psm.cycle()
-    assert compared == ["receive", "send"] * 60 and psm.errors() == []
+    assert compared.count(CALM) > 90 and compared.count(0) > 5 and psm.errors() == []
 
 
 def stray(reply: bytes) -> bytes:
@@ -122,10 +132,10 @@ def stray(reply: bytes) -> bytes:
 def test_what_comes_before_the_reply_is_thrown_away(psm: SocketHarness, before: Callable[[bytes], bytes]) -> None:
     psm.port.counters.clear()
     psm.link.spoil = lambda reply: [before(reply), reply]
-    assert psm.once() == (0, SENT)
+    assert psm.once() == [0, CALM]
     assert psm.port.counters.stray == 1 and psm.port.counters.bad_reads == 0 and psm.record.valid
     psm.link.spoil = lambda reply: [reply]
-    assert psm.once() == (0, SENT) and psm.errors() == []
+    assert psm.once() == [CALM] and psm.errors() == []
 
 
 @pytest.mark.parametrize("bad", [
@@ -139,7 +149,7 @@ def test_what_is_not_the_wanted_sample_is_no_sample(psm: SocketHarness, bad: Cal
     psm.port.counters.clear()
     blocks, bad_reads = psm.port.blocks.copy(), int(psm.record.bad_reads)
     psm.link.spoil = lambda reply: [bad(reply)]
-    assert psm.once() == (MISSED, SENT)
+    assert psm.once() == [MISSED, SENT]
     counters = psm.port.counters
     assert counters.bad_reads == 1 and counters.writes == 1 and counters.board_bad_reads.any()
     assert np.array_equal(psm.port.blocks, blocks) and psm.record.bad_reads == bad_reads + 1 and not psm.record.valid
@@ -151,7 +161,7 @@ def test_what_is_not_the_wanted_sample_is_no_sample(psm: SocketHarness, bad: Cal
 def test_silence_is_waited_for_once(psm: SocketHarness) -> None:
     psm.port.counters.clear()
     psm.link.spoil = lambda reply: []
-    assert psm.once() == (MISSED, SENT)
+    assert psm.once() == [MISSED, SENT]
     counters = psm.port.counters
     assert counters.timeouts == 1 and counters.bad_reads == 1
     assert counters.waited_ns == psm.exchange._link.cycle_timeout_ms * 1_000_000
@@ -165,7 +175,7 @@ def test_a_hub_that_drops_a_read_is_no_boards_fault(psm: SocketHarness) -> None:
     dropped = bytes((0, psm.exchange._link.generation, *bytes(6)))
     assert len(dropped) == wire.TRAILER_BYTES
     psm.link.spoil = lambda reply: [dropped]
-    assert psm.once() == (MISSED, SENT)
+    assert psm.once() == [MISSED, SENT]
     assert psm.port.counters.dropped == 1 and not psm.port.counters.board_bad_reads.any()
     psm.link.spoil = lambda reply: [reply]
     psm.calm()
@@ -180,7 +190,7 @@ def test_the_label_of_a_read_rests_whose_reply_may_still_come(psm: SocketHarness
         return [reply[:5] + bytes((reply[5] ^ 1,)) + reply[6:]]
 
     psm.link.forgets, psm.link.spoil = False, of_another_node
-    assert psm.once() == (MISSED, SENT)
+    assert psm.once() == [MISSED, SENT]
     link = psm.exchange._link
     assert list(link._missing) == labels
 
@@ -188,22 +198,22 @@ def test_the_label_of_a_read_rests_whose_reply_may_still_come(psm: SocketHarness
 def test_while_labels_rest_more_than_the_label_is_looked_at(psm: SocketHarness) -> None:
     psm.exchange._link._missing.append(5)
     psm.exchange._link._forgets = False
-    assert psm.once() == (0, SENT) and psm.record.valid
+    assert psm.once() == [0, CALM] and psm.record.valid
 
 
 def test_a_sample_with_news_is_not_answered_before_that_is_looked_at(psm: SocketHarness) -> None:
     psm.faults.lose_supply("PSM1", True)
     for _ in range(50):
-        bits, _ = psm.once()
+        bits = psm.once()
         if not psm.record.powered[0]:
             break
-    assert bits & STATUS and not psm.record.powered[0]
+    assert bits[0] & STATUS and not psm.record.powered[0]
 
 
 def test_nothing_is_sent_in_a_cycle_that_was_held_up(psm: SocketHarness) -> None:
     psm.link.forget_written()
     psm.over_ns = boottime_ns() - 1
-    assert psm.once() == (0, 0)
+    assert psm.once() == [CONTROLLED, 0]
     psm.link.deliver()
     assert psm.link.written == [], "only what switches everything off, and not by the call"
     psm.over_ns = 1 << 62
@@ -214,8 +224,8 @@ def test_nothing_is_sent_in_a_cycle_that_was_held_up(psm: SocketHarness) -> None
 def test_a_sample_that_power_waits_for_is_looked_at_first(psm: SocketHarness) -> None:
     looked = []
     psm.core.power.wake_ns = 1
-    psm.core.power.step = lambda now_ns: looked.append(len(psm.sent))  # type: ignore[method-assign]
-    assert psm.once() == (0, SENT) and looked == [0], "before the words were sent"
+    psm.core.power.step = lambda now_ns: looked.append(psm.bits.copy())  # type: ignore[method-assign]
+    assert psm.once() == [0, CALM] and looked == [[0]], "before the words were sent"
 
 
 def test_what_the_system_did_not_take_is_sent_again(psm: SocketHarness) -> None:
@@ -226,7 +236,7 @@ def test_what_the_system_did_not_take_is_sent_again(psm: SocketHarness) -> None:
         return [reply]
 
     psm.link.spoil = full
-    assert psm.once() == (0, 0)
+    assert psm.once() == [CONTROLLED, 0]
     psm.link.spoil = lambda reply: [reply]
     assert psm.port.counters.writes == 1 and psm.port.counters.bad_writes == 0
     assert psm.exchange._link.suspect, "nobody may have listened to an earlier datagram"
@@ -266,22 +276,22 @@ def test_the_boards_time_is_learned_from_what_the_call_took(psm: SocketHarness) 
     reader = psm.exchange._reader
     reader._wait_ns = 0
     psm.cycle(count=2)
-    assert reader._wait_ns >= reader._least_wait_ns and psm.once() == (0, SENT)
+    assert reader._wait_ns >= reader._least_wait_ns and psm.once() == [CALM]
 
 
 def test_a_reply_is_also_found_by_looking_for_it_again_and_again(psm: SocketHarness) -> None:
     psm.exchange._link.spin_ns = 100_000
-    assert psm.once() == (0, SENT)
+    assert psm.once() == [CALM]
     psm.link.spoil = lambda reply: []
-    assert psm.once() == (MISSED, SENT) and psm.port.counters.timeouts == 1
+    assert psm.once() == [MISSED, SENT] and psm.port.counters.timeouts == 1
 
 
 def test_another_socket_is_taken_at_once(psm: SocketHarness) -> None:
     before = psm.link.fd
     psm.exchange._link.suspect = True
-    assert psm.once() == (0, SENT) and psm.link.fd != before
+    assert psm.once() == [CALM] and psm.link.fd != before
     psm.link.forget_written()
-    assert psm.once() == (0, SENT)
+    assert psm.once() == [CALM]
     psm.link.deliver()
     assert len(psm.link.written) == 1 and psm.errors() == []
 
@@ -291,7 +301,7 @@ def test_what_is_bound_anew_leaves_no_classes_behind(psm: SocketHarness) -> None
     before = len(ctypes.Structure.__subclasses__())
     for _ in range(5):
         psm.exchange._prepare()
-    assert len(ctypes.Structure.__subclasses__()) == before and psm.once() == (0, SENT)
+    assert len(ctypes.Structure.__subclasses__()) == before and psm.once() == [CALM]
 
 
 def test_after_a_bus_reset_the_call_goes_on(psm: SocketHarness) -> None:
@@ -304,7 +314,7 @@ def test_after_a_bus_reset_the_call_goes_on(psm: SocketHarness) -> None:
 
 def test_without_the_calls_a_sample_is_just_read(psm: SocketHarness) -> None:
     psm.port.exchange = None
-    assert psm.cycles(1) == set() and psm.record.valid and psm.port.counters.writes
+    assert psm.once() == [] and psm.record.valid and psm.port.counters.writes
 
 
 def test_the_struct_is_bound_to_arrays_that_stay(psm: SocketHarness) -> None:

@@ -70,7 +70,7 @@ def test_both_halves_leave_the_same_bits_from_anything(seed: int, odd: float, ri
     rng = np.random.default_rng(seed)
     harness = with_everything() if rich else IoHarness()
     core = harness.core
-    halves, bound = ShadowedHalves(core, bool, int), bind(IO, core)
+    halves, bound = ShadowedHalves(core, bool, int, (0, 1.0, 1.0)), bind(IO, core)
     assert isinstance(bound, BoundStruct)
     core.pid.check_tracking(slice(None), True)
     for on in (True, False):

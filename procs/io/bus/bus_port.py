@@ -12,7 +12,7 @@ import numpy as np
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus import discovery
 from trocar.procs.io.bus.discovery import BoardInfo
-from trocar.procs.io.bus.exchange import Exchange
+from trocar.procs.io.bus.exchange import Exchange, ExchangeSettings
 from trocar.procs.io.bus.link import Counters, Link, Quads
 from trocar.procs.io.bus.protocols import (
     BROADCAST_QUERY,
@@ -27,7 +27,6 @@ from trocar.procs.io.bus.protocols import (
 from trocar.procs.io.bus.push_read import UnaskedRead
 from trocar.procs.io.bus.rows import Rows
 from trocar.procs.io.bus.transport import PortError, Transport
-from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import MISSED, SENT
 
 _Reader: TypeAlias = QueryRead | UnaskedRead | SequentialRead
@@ -87,7 +86,7 @@ class BusPort:
         self._nodes: ChainMap[int, int] = ChainMap()
         self._reader: _Reader | None = None
         self._writer: _Writer | None = None
-        self._halves: BoundStruct | None = None
+        self._settings: ExchangeSettings | None = None
         self.exchange: Exchange | None = None
         """The native calls of a cycle; None: this bus or this machine has none."""
 
@@ -233,28 +232,33 @@ class BusPort:
             counters.bad_reads += 1
         return good
 
-    def set_exchange(self, halves: BoundStruct) -> None:
-        """Have `exchange` do io's halves with these arrays from now on, where the native library can."""
-        self._halves = halves
+    def set_exchange(self, settings: ExchangeSettings) -> None:
+        """Have `exchange` do io's halves with these settings from now on, where the native library can."""
+        self._settings = settings
         self._make_exchange()
 
     def _make_exchange(self) -> None:
         """Possible with one query to all boards, one write to all, and the machine's clock."""
-        reader, writer, halves = self._reader, self._writer, self._halves
-        if (halves is not None and self._link.real_time and isinstance(reader, QueryRead)
+        reader, writer, settings = self._reader, self._writer, self._settings
+        if (settings is not None and self._link.real_time and isinstance(reader, QueryRead)
                 and isinstance(writer, BroadcastWrite)):
-            self.exchange = Exchange(self._link, reader, writer, halves)
+            self.exchange = Exchange(self._link, reader, writer, settings)
 
-    def receive_and_check(self) -> int:
-        """`read_all` and the checks behind it, by `exchange`."""
+    def receive_and_check(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
+        """`read_all` and the checks behind it, by `exchange`: bits of `Halves.receive_and_check`.
+
+        Without a bit, for samples before `wake_ns`, `control_and_send` follows in the same call. `good_ns`: when the
+        previous sample arrived; `gap_ns`: mean interval of the samples so far; `over_ns`: see `control_and_send`.
+        """
         exchange, counters = self.exchange, self.counters
         if exchange is None:
             raise self._not_ready()
-        bits = exchange.receive_and_check()
+        bits = exchange.receive_and_check(good_ns, wake_ns, over_ns, gap_ns)
         self.recv_ns = self._link.recv_ns
         counters.reads += 1
         if bits & MISSED:
             counters.bad_reads += 1
+        self._note(bits)
         return bits
 
     def control_and_send(self, share: float, has_sample: bool, over_ns: int) -> int:
@@ -266,10 +270,13 @@ class BusPort:
         if exchange is None:
             raise self._not_ready()
         bits = exchange.control_and_send(share, has_sample, over_ns)
+        self._note(bits)
+        return bits
+
+    def _note(self, bits: int) -> None:
         if bits & SENT:
             self.send_ns = self._link.send_ns
             self.counters.writes += 1
-        return bits
 
     def write_all(self) -> bool:
         """Send `out` to every board, also after a bad read (the write feeds the watchdogs), then zero its control

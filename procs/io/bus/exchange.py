@@ -1,4 +1,5 @@
-"""The halves of io's cycle (procs/io/halves.py) with their system calls, as two native calls.
+"""The halves of io's cycle (procs/io/halves.py) with their system calls, as native calls: one where Python has nothing
+to decide between them, else two.
 
 They handle the reply to the newest query only. Any other datagram is left to `Link.receive`, and a failed write to the
 caller, as without this module.
@@ -7,6 +8,7 @@ caller, as without this module.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,7 +17,7 @@ from trocar.procs.io.bus.link import Link
 from trocar.procs.io.bus.protocols import UNSENT, BroadcastWrite, QueryRead
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.bus_fields import EXCHANGE, HUB, WRITE
-from trocar.procs.native.io_fields import IO, MISSED, SENT
+from trocar.procs.native.io_fields import CONTROLLED, IO, MISSED, SENT
 from trocar.procs.native.library import bind
 
 HEAD_BYTES: Final = 22  # of a block write, before its data
@@ -23,15 +25,26 @@ GENERATION_AT: Final = -7  # bytes from the end of a reply: the bus generation
 SENT_NS: Final = 2  # element of `Exchange.came`
 
 
+@dataclass(frozen=True, slots=True)
+class ExchangeSettings:
+    """How io uses a sample; fixed for the life of a `BusPort`, see procs/io/cycle.py."""
+
+    halves: BoundStruct
+    """The arrays of io's halves for the native library."""
+    oldest_ns: int
+    """Upper bound of sample intervals in their mean."""
+    stable_ns: float
+    gaps: float
+
+
 class Exchange:
     """The native calls for one reader and one writer; their arrays are bound again when the boards on the bus change.
     """
 
-    def __init__(self, link: Link, reader: QueryRead, writer: BroadcastWrite, halves: BoundStruct) -> None:
-        """`halves`: the arrays of io's halves for the native library."""
-        self._link, self._reader, self._writer = link, reader, writer
-        self._check, self._encode, _ = (halves.function(name) for name in IO.functions)
-        self.io = halves.address
+    def __init__(self, link: Link, reader: QueryRead, writer: BroadcastWrite, settings: ExchangeSettings) -> None:
+        self._link, self._reader, self._writer, self.settings = link, reader, writer, settings
+        self._check, self._encode, _ = (settings.halves.function(name) for name in IO.functions)
+        self.io = settings.halves.address
         self.came = np.zeros(3, np.int64)
         """Size and time of the reply, and time of the write."""
         self._came = self.came.data
@@ -59,8 +72,8 @@ class Exchange:
                 self._parts = (found, sent)
                 self._receive, self._send = (bound.function(name) for name in EXCHANGE.functions)
 
-    def receive_and_check(self) -> int:
-        """Bits of `Halves.receive_and_check`."""
+    def receive_and_check(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
+        """See `BusPort.receive_and_check`."""
         link, reader = self._link, self._reader
         tl, timeout_ms = reader.request(), link.cycle_timeout_ms
         if tl == UNSENT:
@@ -71,13 +84,16 @@ class Exchange:
         if receive is None or fd < 0 or not link.misses_none:  # else the label alone does not identify the reply
             return self._check() if reader.take(link.receive(tl, timeout_ms)) else MISSED
         begin_ns = link.send_ns
-        bits = receive(fd, tl, timeout_ms, link.spin_ns)
-        size, received_ns, _ = self._came
+        bits = receive(fd, tl, link.next_tl(), timeout_ms, link.spin_ns, good_ns, wake_ns, over_ns, gap_ns)
+        size, received_ns, sent_ns = self._came
+        if not bits & SENT:
+            link.tl = tl  # no label was used for a write
         if bits & MISSED:
             return self._check() if reader.take(link.receive(tl, timeout_ms, begin_ns, size)) else MISSED
         link.recv_ns = received_ns
         link.seen_generation = link.rx[size + GENERATION_AT]
         reader.has_taken(True)
+        self._note(bits, sent_ns)
         return bits
 
     def control_and_send(self, share: float, has_sample: bool, over_ns: int) -> int:
@@ -87,8 +103,13 @@ class Exchange:
             return self._encode(share, has_sample)
         before = link.tl
         bits = send(fd, link.next_tl(), share, has_sample, over_ns)
-        if bits & SENT:
-            link.send_ns = self._came[SENT_NS]
-        else:  # delayed, or refused, perhaps because an earlier datagram met a closed port
+        if not bits & SENT:
             link.tl, link.suspect = before, True
+        self._note(bits, self._came[SENT_NS])
         return bits
+
+    def _note(self, bits: int, sent_ns: int) -> None:
+        if bits & SENT:
+            self._link.send_ns = sent_ns
+        elif bits & CONTROLLED:  # delayed, or refused, perhaps because an earlier datagram met a closed port
+            self._link.suspect = True
