@@ -36,7 +36,7 @@ class Halves:
         self._power, self._safety = core.power, core.safety
         self._digital_outputs, self._buttons = core.digital_outputs, core.buttons
         self._is_over, self._over_ns = is_over, over_ns
-        self.bound = bind(IO, core) if native else "numpy is asked for"
+        self.bound = bind(IO, core) if native else "numpy is wanted"
         """The arrays of the native library; or why it is not used."""
         self.track, why = track(core)
         self.why_numpy = why

@@ -65,7 +65,8 @@ TEMPERATURE_HIGH: Final = Code(
     "lower the load or improve the cooling", 6, NOTHING, "°C")
 POTENTIOMETER: Final = Code(
     "potentiometer", ERROR, "io", "potentiometer and encoder disagree for longer than tolerated",
-    "trocar home NAME; if it recurs, check potentiometer, calibration and tolerance (IO file)", 7, POWER_OFF, JOINT)
+    "check the potentiometer, its cable and calibration first; trocar home NAME takes its reading as the position",
+    7, POWER_OFF, JOINT)
 ENCODER_OVERFLOW: Final = Code(
     "encoder-overflow", ERROR, "io", "encoder counter overflow",
     "check the encoder, then trocar home NAME", 8, POWER_OFF)
