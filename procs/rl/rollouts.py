@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 import trocar.procs.rl.registration  # noqa: F401  # the names of our own
 from trocar.procs.crtk.names import none_such
 from trocar.procs.rl.backend import WrongAction
+from trocar.procs.rl.environment import RobotEnv
 
 Policy = Callable[[Any], Any]
 """From an observation to an action."""
@@ -138,17 +139,23 @@ class EpisodeRunner:
             where = f", {places[-1].filename}:{places[-1].lineno}" if places else ""
             raise PolicyFailed(f"policy {self._named} failed: {type(error).__name__}: {error}{where}") from error
 
+    def check(self) -> None:
+        """RobotStopped if a person must check the robot after the last episode, as the next reset would raise it."""
+        if isinstance(robot := self._environment.unwrapped, RobotEnv):
+            robot.robot.check()
+
     def close(self) -> None:
         """The environment ends."""
         self._environment.close()
 
 
 def run(task: RolloutTask, seeds: Iterable[int]) -> Iterator[Episode]:
-    """All episodes in this process, each as soon as it has ended."""
+    """All episodes in this process, each as soon as it has ended; RobotStopped after the last one as well."""
     runner = EpisodeRunner(task)
     try:
         for seed in seeds:
             yield runner.run(seed)
+        runner.check()
     finally:
         runner.close()
 
