@@ -20,6 +20,7 @@ from trocar.procs.rl.rollouts import RolloutTask, run
 from trocar.procs.rl.tasks import EcmAim, PsmReach
 from trocar.shm.time.system_time import LOCKSTEP
 from trocar.tools.output.errors import Problem
+from trocar.tools.systems.find import all_up, is_up
 
 
 @pytest.mark.parametrize("control", ["joint", "cartesian"])
@@ -297,3 +298,7 @@ def test_two_arms_hand_over_as_in_a_host(system: Callable[..., Host]) -> None:
     np.testing.assert_allclose(np.frombuffer(drawn(env, 3, 4)), np.frombuffer(drawn(other, 3, 4)), atol=1e-9)
     env.close()
     other.close()
+
+
+def test_an_environment_of_this_program_is_no_system_that_is_up(psm: Host) -> None:
+    assert is_up(psm.name) and psm.name not in all_up()
