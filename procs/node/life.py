@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import signal
 import sys
 import traceback
@@ -22,12 +23,14 @@ LOOP_FAILED: Final = 4
 
 
 def arguments(kind: str) -> argparse.Namespace:
-    """Parse the arguments of every process, its system and name, and begin its log."""
+    """Parse the arguments of every process, its system and name, and begin its log, which has each line at once."""
     parser = argparse.ArgumentParser(prog=kind, description=f"One {kind}, started by trocar up.")
     parser.add_argument("--system", required=True)
     parser.add_argument("--name", required=True)
     chosen = parser.parse_args()
     loglines.begin(sys.stderr, chosen.name)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)
     return chosen
 
 

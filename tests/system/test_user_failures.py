@@ -22,6 +22,7 @@ class Mine(trocar.Process):
     def setup(self):
         if self.name == "broken":
             raise OSError("no sensor on the line")
+        print("printed before it hangs")
 
     def on_hang(self):
         time.sleep(1000)
@@ -99,6 +100,7 @@ def test_a_broken_and_a_hanging_process_change_nothing_else(robot: Robot, tmp_pa
     assert "hung for" in reason(robot, "stuck") and reason(robot, "stuck").endswith(" in on_hang, trocar logs stuck")
     line = PROGRAM[:PROGRAM.index("time.sleep")].count("\n") + 1
     assert f'mine.py", line {line} in on_hang' in robot.trocar("logs", "stuck")
+    assert "printed before it hangs" in robot.trocar("logs", "stuck"), "although it was killed"
     assert robot.pid("PSM1") == arm and robot.state("PSM1") == "RUNNING"
     assert robot.down() == 0
 
