@@ -122,6 +122,7 @@ def test_one_that_ends_by_itself_says_so_and_is_not_said_to_run(robot: Robot, tm
         assert reason(robot, name).startswith(f"stopped: it had ended before: {why}")
     line = ENDING[:ENDING.index("self.subscribe")].count("\n") + 1
     wait_for(lambda: f'mine.py", line {line}, in main' in robot.trocar("logs", "reads"), 60, "its line")
+    robot.trocar("stop", "reads", "--yes")
     assert robot.down() == 0
 
 

@@ -12,6 +12,7 @@ from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.commands import became
 from trocar.shm.memory.header import SegmentError
 from trocar.tools.client.callbacks import Callbacks, Reporting
+from trocar.tools.client.deadline import seconds
 from trocar.tools.client.distant import DistantRemote, DistantWays
 from trocar.tools.client.ways import RowWay, Ways
 from trocar.tools.output.errors import Problem
@@ -32,11 +33,11 @@ class WholeSystem(Reporting, ABC):
 
     def power_on(self, timeout: float = 10.0) -> None:
         """Enable every arm, and the setup joints; Problem names the failed ones with reasons."""
-        self._bring(ENABLED, timeout)
+        self._bring(ENABLED, seconds(timeout))
 
     def home(self, timeout: float = 60.0) -> None:
         """Home every arm, enabling those that are not."""
-        self._bring(HOMED, timeout)
+        self._bring(HOMED, seconds(timeout))
 
     def power_off(self, timeout: float = 10.0) -> None:
         """Disable every arm."""
