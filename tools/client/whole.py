@@ -14,8 +14,9 @@ from trocar.shm.memory.header import SegmentError
 from trocar.tools.client.callbacks import Callbacks, Reporting
 from trocar.tools.client.deadline import seconds
 from trocar.tools.client.distant import DistantRemote, DistantWays
+from trocar.tools.client.moves import CLIPPED, warn
 from trocar.tools.client.ways import RowWay, Ways
-from trocar.tools.output.errors import Problem
+from trocar.tools.output.errors import Clipped, Problem
 
 WHOLE: Final = "system"
 """The process that brings all arms up, repeats their reports and makes sounds, in systems with consoles."""
@@ -66,7 +67,9 @@ class WholeSystem(Reporting, ABC):
     def _ask(self, command: str, values: Sequence[float] = (), text: str = "") -> None:
         self._row()
         with contextlib.closing(self._ways.remote(WHOLE)) as remote:
-            remote.ask(command, values, text)
+            reply = remote.ask(command, values, text)
+        if reply.text.startswith(CLIPPED):
+            warn(f"{WHOLE} {command} was {reply.text}", Clipped)
 
     def _row(self) -> Mapping[str, Any]:
         try:
