@@ -127,6 +127,16 @@ def test_a_command_is_a_person_s_and_its_end_is_told(world: Any) -> None:
         assert first == second != origin, "a stream is one command of a person"
 
 
+def test_a_property_of_what_has_none_and_commands_of_other_types_are_no_names_to_try(world: Any) -> None:
+    @story(world)
+    async def _(made: Bridge) -> None:
+        async with made.client() as client:
+            client.say("set", of="PSM1", property="gain", value=1)
+            assert (await client.hear("error"))["error"] == "PSM1 has no properties"
+            client.say("call", to="PSM1", command="set_endoscope_typ")
+            assert "set_endoscope_type" not in (await client.hear("error"))["error"]
+
+
 @pytest.mark.slow
 def test_what_a_client_holds_down_is_let_go_when_it_leaves(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = {row.name: row for row in COMMANDS["arm"]}
