@@ -70,12 +70,12 @@ class Calls:
     """The connections of one client to all owners; its commands are operators' commands."""
 
     def __init__(self, system: str, owners: Mapping[str, CommandOwner], rights: Rights,
-                 is_over: Callable[[], bool]) -> None:
-        """`is_over`: whether commands are outdated after a stall, and refused."""
+                 is_over: Callable[[], bool], holder: str = "socket_bridge") -> None:
+        """`is_over`: whether commands are outdated after a stall, and refused. `holder`: name of the bridge."""
         self._peer = next(PEERS)
         self.program = "socket"
         """The name that other programs see."""
-        self._system, self._owners, self._rights, self._is_over = system, owners, rights, is_over
+        self._system, self._owners, self._rights, self._is_over, self._holder = system, owners, rights, is_over, holder
         self._clients: dict[str, Client] = {}
         self._calls: dict[tuple[str, int], Call] = {}
         self._due_ns = 0
@@ -100,7 +100,7 @@ class Calls:
             raise WrongMessage("the bridge stalled; requests received meanwhile were dropped")
         try:
             if to not in self._clients:
-                self._clients[to] = Client(self._system, to, self.program, peer=self._peer)
+                self._clients[to] = Client(self._system, to, self.program, peer=self._peer, holder=self._holder)
             self._clients[to].seen = seen
             sent = self._clients[to].send(command, values, text)
         except (SegmentError, MailboxFull, ValueError, KeyError) as error:
