@@ -10,13 +10,13 @@ from trocar.shm.time.clock import monotonic_ns
 
 STANDS_NS: Final = 5_000_000_000
 LOOK_NS: Final = 20_000_000
-LONGEST_S: Final = 1e9
+MAX_TIMEOUT_S: Final = 1e9
 
 
 def seconds(timeout: float) -> float:
     """The timeout of a wait; ValueError unless it is a number that a wait can have."""
-    if not isinstance(timeout, Real) or not 0.0 <= timeout <= LONGEST_S:
-        raise ValueError(f"timeout is {timeout!r}; allowed: 0 to {LONGEST_S:g} s")
+    if not isinstance(timeout, Real) or not 0.0 <= timeout <= MAX_TIMEOUT_S:
+        raise ValueError(f"timeout is {timeout!r}; allowed: 0 to {MAX_TIMEOUT_S:g} s")
     return float(timeout)
 
 
