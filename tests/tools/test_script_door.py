@@ -102,6 +102,15 @@ def test_a_wrong_word_is_answered_with_the_nearest_ones_of_this_arm(kinematic: S
             wrong.lock_orientation()
 
 
+@pytest.mark.slow
+def test_a_power_off_is_sent_whatever_its_timeout_is(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    wrong: Any = "x"
+    with trocar.arm("PSM1", kinematic.name) as psm, pytest.raises(trocar.Problem):  # nothing answers here
+        psm.disable(wrong)
+    assert [(asked.name, asked.text) for asked in kinematic.mailbox.drain(0)] == [("state_command", "disable")]
+
+
 @pytest.mark.parametrize("timeout", ["x", -1, math.inf, math.nan, None])
 def test_a_timeout_that_is_none_is_a_wrong_value(kinematic: ScriptedRobot, timeout: Any) -> None:
     kinematic.show_arm()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from numbers import Real
 from typing import Final
+
+import numpy as np
 
 from trocar.shm.time.clock import monotonic_ns
 
@@ -15,9 +16,14 @@ MAX_TIMEOUT_S: Final = 1e9
 
 def seconds(timeout: float) -> float:
     """The timeout of a wait; ValueError unless it is a number that a wait can have."""
-    if not isinstance(timeout, Real) or not 0.0 <= timeout <= MAX_TIMEOUT_S:
+    if not is_timeout(timeout):
         raise ValueError(f"timeout is {timeout!r}; allowed: 0 to {MAX_TIMEOUT_S:g} s")
     return float(timeout)
+
+
+def is_timeout(timeout: object) -> bool:
+    """Whether it is a number that a wait can have."""
+    return isinstance(timeout, int | float | np.number) and bool(0.0 <= timeout <= MAX_TIMEOUT_S)
 
 
 class Deadline:

@@ -14,7 +14,7 @@ from trocar.procs.crtk.names import none_such
 from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.mailbox.command_row import of_type
 from trocar.tools.client.callbacks import Callbacks, Event, Reporting
-from trocar.tools.client.deadline import seconds
+from trocar.tools.client.deadline import is_timeout, seconds
 from trocar.tools.client.moves import Waits
 from trocar.tools.client.ways import RecordWay, RowWay, Ways, ways_of
 
@@ -140,8 +140,9 @@ class Instance(InstanceHandle):
         self._ways.bring(self.name, ENABLED, seconds(timeout))
 
     def disable(self, timeout: float = 10.0) -> None:
-        """Power off and wait until done."""
-        self._ways.bring(self.name, DISABLED, timeout)
+        """Power off and wait until done; also with a wrong timeout, which is an error afterwards."""
+        self._ways.bring(self.name, DISABLED, timeout if is_timeout(timeout) else 0.0)
+        seconds(timeout)
 
     def home(self, timeout: float = 60.0) -> None:
         """Enable if needed, home, and wait until it is homed."""

@@ -12,7 +12,7 @@ from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.commands import became
 from trocar.shm.memory.header import SegmentError
 from trocar.tools.client.callbacks import Callbacks, Reporting
-from trocar.tools.client.deadline import seconds
+from trocar.tools.client.deadline import is_timeout, seconds
 from trocar.tools.client.distant import DistantRemote, DistantWays
 from trocar.tools.client.moves import CLIPPED, warn
 from trocar.tools.client.ways import RowWay, Ways
@@ -41,8 +41,9 @@ class WholeSystem(Reporting, ABC):
         self._bring(HOMED, seconds(timeout))
 
     def power_off(self, timeout: float = 10.0) -> None:
-        """Disable every arm."""
-        self._bring(DISABLED, timeout)
+        """Disable every arm; also with a wrong timeout, which is an error afterwards."""
+        self._bring(DISABLED, timeout if is_timeout(timeout) else 0.0)
+        seconds(timeout)
 
     @abstractmethod
     def _bring(self, goal: str, timeout: float) -> None:
