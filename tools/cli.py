@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from trocar.procs.machine.end_signals import ctrl_c_ends, ctrl_c_raises
 from trocar.procs.machine.imports import many_imports
@@ -101,10 +102,22 @@ VERBS: tuple[Verb, ...] = (
 PANELS = {True: "Verbs that may change the robot", False: "Verbs that only read"}
 
 
+class VerbGroup(TyperGroup):
+    """Verbs under one name; a wrong one is answered with those that there are."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """See typer."""
+        if args[0] not in self.commands and not ctx.resilient_parsing:
+            from trocar.procs.crtk.names import none_such
+
+            ctx.fail(none_such("command", args[0], self.commands, ctx.command_path))
+        return super().resolve_command(ctx, args)
+
+
 def build(only: str | None = None) -> typer.Typer:
     """The command line. With `only`, that verb's module is imported and the others appear as names in the help."""
     app = typer.Typer(
-        name="trocar", help="Drive and inspect da Vinci research robots.", no_args_is_help=True,
+        name="trocar", cls=VerbGroup, help="Drive and inspect da Vinci research robots.", no_args_is_help=True,
         pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
         epilog="Exit codes: 0 fine, 1 something is wrong, 2 usage error, 130 Ctrl-C. Example: trocar demo --for 10",
     )
@@ -120,7 +133,7 @@ def _add(app: typer.Typer, verb: Verb, *, stub: bool) -> None:
     if verb.parts and not stub:
         examples = examples_of(verb)  # the shortest to read: lines that begin with our own name
         example = f"Example: {next((text for text in examples if text.startswith('trocar')), examples[0])}"
-        group = typer.Typer(name=verb.name, help=verb.text, epilog=example, no_args_is_help=True)
+        group = typer.Typer(name=verb.name, cls=VerbGroup, help=verb.text, epilog=example, no_args_is_help=True)
         for part in verb.parts:
             _add(group, part, stub=False)
         app.add_typer(group, name=verb.name, short_help=verb.text, rich_help_panel=panel)

@@ -126,7 +126,7 @@ class Cartesian:
             return True
         if frame in ("", self.frame):
             return False
-        raise CommandRefused(f"frame {frame}; allowed: {self.frame}, {self.local_frame}")
+        raise CommandRefused(f"frame {frame}; allowed: {', '.join(dict.fromkeys((self.frame, self.local_frame)))}")
 
     def need_base(self) -> None:
         """CommandRefused while the base frame is not known."""

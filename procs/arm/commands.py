@@ -90,7 +90,7 @@ class ArmCommands:
     def _stop_others(self, request: Request) -> None:
         """End the streams of other programs until they have paused, whether the arm is ready or not."""
         control, what = self._control, f"({request.name} {request.text}".rstrip() + ")"
-        who = request.origin.program or "another program"
+        who = request.holder.acting_for(request.origin.program)
         control.record.show_stop(f"{who} {what}")
         control.streams.end(f"{who} stopped the arm {what}", spared=request.sender)
 

@@ -150,7 +150,7 @@ class Streams:
     def _begin(self, kind: StreamKind, sender: Hashable, request: Request, now_ns: int) -> Stream:
         if len(self._streams) >= KEPT:
             self._streams = {key: stream for key, stream in self._streams.items() if not stream.has_paused(now_ns)}
-        program = request.origin.program or "another program"
+        program = request.holder.acting_for(request.origin.program)
         stream = self._streams[kind, sender] = Stream(kind, sender, program, now_ns)
         if (now_ns - self._restarted_ns < STREAM_PAUSE_NS
                 and request.command.effect_for(request.text, request.values) > FREE):

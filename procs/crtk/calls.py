@@ -13,6 +13,7 @@ from trocar.procs.crtk.names import none_such
 from trocar.procs.crtk.user_rows import commands_of
 from trocar.procs.document.bridges import Rights
 from trocar.procs.document.system import SystemConfig
+from trocar.procs.document.user_process import SET_PROPERTY
 from trocar.shm.commands import COMMANDS, ENDINGS, may_power
 from trocar.shm.mailbox.client import Client, MailboxFull, Reply
 from trocar.shm.mailbox.command_row import CommandRow
@@ -31,10 +32,18 @@ SOON_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class CommandOwner:
-    """An instance that accepts commands: its kind, and its commands by name."""
+    """An instance that accepts commands: its kind, the commands of the kind by name, and, of an arm, its type."""
 
     kind: str
     rows: Mapping[str, CommandRow]
+    type: str = ""
+
+    def lacks(self, to: str, command: str) -> str:
+        """That `to` has no such command, with similar ones of its type."""
+        if command == SET_PROPERTY:
+            return f"{to} has no properties"
+        names = [row.name for row in self.rows.values() if not self.type or self.type in (row.types or (self.type,))]
+        return none_such("command", command[:80], names, to)
 
 
 @dataclass(slots=True)
@@ -62,14 +71,14 @@ class Calls:
     """The connections of one client to all owners; its commands are operators' commands."""
 
     def __init__(self, system: str, owners: Mapping[str, CommandOwner], rights: Rights,
-                 is_over: Callable[[], bool], first: FirstMessages | None = None) -> None:
-        """`is_over`: whether commands are outdated after a stall, and refused. `first`: messages may have waited for
-        the bridge's start.
+                 is_over: Callable[[], bool], holder: str = "socket_bridge", first: FirstMessages | None = None) -> None:
+        """`is_over`: whether commands are outdated after a stall, and refused. `holder`: name of the bridge. `first`:
+        messages may have waited for its start.
         """
         self._peer, self._first = next(PEERS), first
         self.program = "socket"
         """The name that other programs see."""
-        self._system, self._owners, self._rights, self._is_over = system, owners, rights, is_over
+        self._system, self._owners, self._rights, self._is_over, self._holder = system, owners, rights, is_over, holder
         self._clients: dict[str, Client] = {}
         self._calls: dict[tuple[str, int], Call] = {}
         self._due_ns = 0
@@ -85,7 +94,7 @@ class Calls:
         owner = self.owner(to)
         row = owner.rows.get(command)
         if row is None:
-            raise WrongMessage(none_such("command", command[:80], owner.rows, to))
+            raise WrongMessage(owner.lacks(to, command))
         if not self._rights.commands:
             raise WrongMessage("this connection is read-only (trocar.socket.grants)")
         if not self._rights.powers and may_power(row, text, values):
@@ -94,7 +103,7 @@ class Calls:
             raise WrongMessage("the bridge stalled; requests received meanwhile were dropped")
         try:
             if to not in self._clients:
-                self._clients[to] = Client(self._system, to, self.program, peer=self._peer)
+                self._clients[to] = Client(self._system, to, self.program, peer=self._peer, holder=self._holder)
             client = self._clients[to]
             client.seen = seen
             if self._first is not None:
@@ -145,12 +154,12 @@ class Calls:
 
 def owners_of(document: SystemConfig) -> dict[str, CommandOwner]:
     """All instances that accept commands, by name."""
-    found = {}
+    found, types = {}, {arm.name: arm.type for arm in document.arms}
     for name in sorted({instance for _, instance, what in names_of(document.name) if what == "mailbox"}):
         if name == "supervisor":
             kind, rows = name, COMMANDS[name]
         else:
             kind, user = document.process(name).kind, document.user(name)
             rows = COMMANDS.get(kind, ()) + (commands_of(user) if user is not None else ())
-        found[name] = CommandOwner(kind, {row.name: row for row in rows})
+        found[name] = CommandOwner(kind, {row.name: row for row in rows}, types.get(name, ""))
     return found

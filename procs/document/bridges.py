@@ -11,6 +11,7 @@ from trocar.procs.document.process import host_and_port
 
 VIEW: Final = "view"
 COMMAND: Final = "command"
+NO_FOXGLOVE: Final = "foxglove-sdk is not installed: pip install foxglove-sdk in the environment of Trocar"
 
 
 @dataclass(frozen=True, slots=True)

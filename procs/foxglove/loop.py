@@ -6,16 +6,15 @@ It is read-only, and runs like a user's own process, at ordinary priority: a cra
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
+from trocar.procs.document.bridges import NO_FOXGLOVE
 from trocar.procs.node.setup_error import LastingError
 from trocar.procs.user.loop import live
 from trocar.procs.user.process import UserNode
 
 if TYPE_CHECKING:
     from trocar.procs.foxglove.server import TopicServer
-
-MISSING: Final = "foxglove-sdk is not installed: pip install foxglove-sdk in the environment of Trocar"
 
 
 class FoxgloveLoop(UserNode):
@@ -29,7 +28,7 @@ class FoxgloveLoop(UserNode):
         if row is None:
             raise ValueError(f"{self.system} has no Foxglove server")
         if find_spec("foxglove") is None:
-            raise LastingError(MISSING)
+            raise LastingError(NO_FOXGLOVE)
         from trocar.procs.foxglove.server import TopicServer
 
         self._server = TopicServer(self.own, row)

@@ -65,7 +65,7 @@ class ConsoleService:
 
     def calls(self) -> Calls:
         """Access to all owners, for a person's commands."""
-        made = Calls(self.system, self.owners, PERSON, self.is_over)
+        made = Calls(self.system, self.owners, PERSON, self.is_over, "gui")
         made.program = "gui"
         return made
 

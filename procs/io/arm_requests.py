@@ -23,6 +23,7 @@ from trocar.procs.tables.desired_state import DESIRED_STATES, NONE, OFF, ON, SET
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.mailbox.origins import Origin, SenderId
+from trocar.shm.memory.holders import NAMELESS
 from trocar.shm.memory.layout import shorten
 
 ROWS: Final = {row.name: row for row in COMMANDS["io"]}
@@ -40,6 +41,7 @@ class DesiredCommand:
     """One desired state as a command of the arm, carried out by `IoCommands`."""
 
     pid = place = 0
+    holder = NAMELESS
     has_client = True
     sender = SenderId(0)
 

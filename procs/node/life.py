@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import signal
 import sys
 import traceback
@@ -22,12 +23,14 @@ LOOP_FAILED: Final = 4
 
 
 def arguments(kind: str) -> argparse.Namespace:
-    """Parse the arguments of every process, its system and name, and begin its log."""
+    """Parse the arguments of every process, its system and name, and begin its log, which has each line at once."""
     parser = argparse.ArgumentParser(prog=kind, description=f"One {kind}, started by trocar up.")
     parser.add_argument("--system", required=True)
     parser.add_argument("--name", required=True)
     chosen = parser.parse_args()
     loglines.begin(sys.stderr, chosen.name)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)
     return chosen
 
 
@@ -37,8 +40,11 @@ def document_of(system: str) -> SystemConfig:
 
 
 @contextlib.contextmanager
-def lived(node: NodeMemory) -> Iterator[None]:
-    """Run the body as a process that has claimed its instance; its end is shown, logged and sets the exit code."""
+def lived(node: NodeMemory, traces: bool = False) -> Iterator[None]:
+    """Run the body as a process that has claimed its instance; its end is shown, logged and sets the exit code.
+
+    `traces`: errors that explain themselves are logged with a trace as well.
+    """
     on_stop(node.stop)
     why = ""
     try:
@@ -47,7 +53,7 @@ def lived(node: NodeMemory) -> Iterator[None]:
         why = cause_of(error)
         if not isinstance(error, SystemExit) or error.code:
             running = node.page.state == "RUNNING"
-            node.log.error("ended by an error: %s", error, exc_info=not explains_itself(error))
+            node.log.error("ended by an error: %s", error, exc_info=traces or not explains_itself(error))
             node.page.show("FAILED", why)
             sys.exit(exit_code(error, LOOP_FAILED if running else SETUP_FAILED))
     why = why or node.stop_reason or "its main has returned"

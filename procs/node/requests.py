@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trocar.procs.kinematics.poses import PoseError
 from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.mailbox.origins import Origin, SenderId
+from trocar.shm.memory.holders import Holder
 
 
 class Request(Protocol):
@@ -29,6 +30,10 @@ class Request(Protocol):
     @property
     def sender(self) -> SenderId:
         """The program, and the client of a bridge, that sent it."""
+
+    @property
+    def holder(self) -> Holder:
+        """The process that sent it, as it reported itself."""
 
     @property
     def command(self) -> CommandRow:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from numbers import Integral, Real
 from typing import Any, ClassVar, Final, Self
@@ -59,7 +60,10 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     """`reset` accepts a goal; False: the goal moves by itself."""
 
     def __new__(cls, *args: Any, **options: Any) -> Self:
-        """Stores the arguments, including those of subclasses."""
+        """Stores the arguments, including those of subclasses; TypeError for one that the class does not take."""
+        allowed = _options_of(cls)
+        if wrong := next((name for name in options if name not in allowed), ""):
+            raise TypeError(f"{cls.__name__} has no option {wrong}; allowed: {', '.join(allowed)}")
         env = super().__new__(cls)
         EzPickle.__init__(env, *args, **options)
         return env
@@ -333,6 +337,18 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
             self._picture = None
         self._has_begun, self._is_closed = False, True
         self.robot.close()
+
+
+def _options_of(made: type) -> list[str]:
+    """The options that a class takes by name, with those that it passes on to the classes below."""
+    names: list[str] = []
+    for each in made.__mro__:
+        if "__init__" in vars(each):
+            given = list(inspect.signature(vars(each)["__init__"]).parameters.values())[1:]
+            names += [row.name for row in given if row.kind in (row.KEYWORD_ONLY, row.POSITIONAL_OR_KEYWORD)]
+            if not any(row.kind is row.VAR_KEYWORD for row in given):
+                break  # the others receive none of it
+    return names
 
 
 def _one_of(name: str, given: object, allowed: tuple[object, ...]) -> None:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 import trocar.procs.rl.registration  # noqa: F401  # the names of our own
 from trocar.procs.crtk.names import none_such
 from trocar.procs.rl.backend import WrongAction
+from trocar.procs.rl.environment import RobotEnv
 
 Policy = Callable[[Any], Any]
 """From an observation to an action."""
@@ -96,9 +97,10 @@ class EpisodeRunner:
         self._environment: gymnasium.Env[Any, Any]
         try:
             with _near(task.environment):
+                _check_render_mode(task)
                 self._environment = gymnasium.make(task.environment, **task.options)
-        except TypeError as error:
-            raise TypeError(_not_taken(task) or str(error)) from error
+        except TypeError as error:  # of the class's own, with gymnasium's words about it
+            raise error.__cause__ or error from None
         self._step_s = 1.0 / float(self._environment.metadata["render_fps"])
 
     def run(self, seed: int) -> Episode:
@@ -133,10 +135,15 @@ class EpisodeRunner:
         """The policy's action; PolicyFailed."""
         try:
             return policy(observation)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             _, *places = traceback.extract_tb(error.__traceback__)
             where = f", {places[-1].filename}:{places[-1].lineno}" if places else ""
             raise PolicyFailed(f"policy {self._named} failed: {type(error).__name__}: {error}{where}") from error
+
+    def check(self) -> None:
+        """RobotStopped if a person must check the robot after the last episode, as the next reset would raise it."""
+        if isinstance(robot := self._environment.unwrapped, RobotEnv):
+            robot.robot.check()
 
     def close(self) -> None:
         """The environment ends."""
@@ -144,11 +151,12 @@ class EpisodeRunner:
 
 
 def run(task: RolloutTask, seeds: Iterable[int]) -> Iterator[Episode]:
-    """All episodes in this process, each as soon as it has ended."""
+    """All episodes in this process, each as soon as it has ended; RobotStopped after the last one as well."""
     runner = EpisodeRunner(task)
     try:
         for seed in seeds:
             yield runner.run(seed)
+        runner.check()
     finally:
         runner.close()
 
@@ -167,20 +175,14 @@ def _kept(seen: list[Any], done: list[Any], rewards: list[float]) -> dict[str, N
     return {**rows, "action": np.array(done), "reward": np.array(rewards)}
 
 
-def _not_taken(task: RolloutTask) -> str:
-    """The first option that the environment does not take, with those that it takes; empty: it takes them all."""
-    entry = gymnasium.registry[task.environment.rpartition(":")[2]].entry_point
+def _check_render_mode(task: RolloutTask) -> None:
+    """ValueError for one that the environment does not draw; gymnasium.make puts a window around it instead."""
+    spec, mode = gymnasium.registry.get(task.environment.rpartition(":")[2]), task.options.get("render_mode")
+    entry = spec.entry_point if spec is not None else None
     made = load_env_creator(entry) if isinstance(entry, str) else entry
-    names: list[str] = []
-    classes: tuple[type, ...] = made.__mro__ if isinstance(made, type) else ()
-    for each in classes:
-        if "__init__" in vars(each):
-            given = list(inspect.signature(vars(each)["__init__"]).parameters.values())[1:]
-            names += [row.name for row in given if row.kind in (row.KEYWORD_ONLY, row.POSITIONAL_OR_KEYWORD)]
-            if not any(row.kind is row.VAR_KEYWORD for row in given):
-                break  # subclasses receive none of it
-    unknown = [name for name in task.options if name not in {*names, *inspect.signature(gymnasium.make).parameters}]
-    return f"{task.environment} has no option {unknown[0]}; allowed: {', '.join(names)}" if unknown and names else ""
+    modes = [None, *getattr(made, "metadata", {}).get("render_modes", [mode])]
+    if mode not in modes:
+        raise ValueError(f"render_mode is {mode!r}; allowed: {', '.join(map(repr, modes))}")
 
 
 def policy_of(text: str) -> Policy | None:
@@ -198,7 +200,7 @@ def policy_of(text: str) -> Policy | None:
         raise NoPolicy(f"policy {text!r}: there is no {name} in {where}")
     try:
         policy = found() if inspect.isclass(found) else found
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise NoPolicy(f"policy {text!r}: {name}() failed: {type(error).__name__}: {error}") from error
     if not callable(policy):
         raise NoPolicy(f"policy {text!r}: {name} cannot be called with an observation")
@@ -215,6 +217,6 @@ def _module(where: str) -> Any:
         module = importlib.util.module_from_spec(spec)
         sys.modules.setdefault(path.stem, module)
         spec.loader.exec_module(module)
-    except (OSError, ImportError, SyntaxError) as error:
-        raise NoPolicy(f"policy from {where}: {error}") from None
+    except (OSError, ImportError, SyntaxError, SystemExit) as error:
+        raise NoPolicy(f"policy from {where}: {type(error).__name__}: {error}") from None
     return module

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, Final, Generic, TypeVar
 
-import psutil
 from cyclonedds.core import DDSException, DDSStatus, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
@@ -18,6 +17,7 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
+from trocar.procs.machine.interfaces import lacks_interface
 from trocar.procs.ros_messages.hashes import type_hash
 from trocar.procs.ros_messages.messages import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
 
@@ -120,14 +120,6 @@ class TopicReader(Generic[Message]):
         return self._reader
 
 
-def _missing(interface: str) -> str:
-    """That this machine has no such interface now, and which it has; empty: it has."""
-    found = psutil.net_if_addrs()
-    if interface in found or any(interface == row.address for rows in found.values() for row in rows):
-        return ""
-    return f"there is no such network interface; there are {', '.join(sorted(found))} (ros.interface)"
-
-
 def _gid(entity: DataWriter[Any] | DataReader[Any]) -> Gid:
     return Gid(entity.get_guid().bytes)
 
@@ -142,7 +134,7 @@ class Participant:
             self._domain = Domain(domain, settings(interface))
             self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
-            why = _missing(interface) or error.msg
+            why = lacks_interface(interface) or error.msg
             raise DdsError(f"ROS domain {domain} on interface {interface}: {why}") from error
         self._waitset, self._matches = WaitSet(self._participant), WaitSet(self._participant)
         self.is_read = False

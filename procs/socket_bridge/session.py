@@ -55,7 +55,7 @@ class Session:
         self.streams: dict[str, Feed] = {}
         self.reads: list[Reading] = []
         self._kept: dict[str, tuple[SharedTopic, int]] = {}
-        self.calls = Calls(served.system, served.owners, rights, served.is_over, served.first)
+        self.calls = Calls(served.system, served.owners, rights, served.is_over, first=served.first)
         self._held = HeldDown(self.calls)
         self._served, self._counts, self._wrong, self._is_first = served, served.counts, 0, True
         self._ops: dict[str, Callable[[Message], None]] = {

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, Request, carry_out
 from trocar.procs.system.bring_up import POWER_OFF, POWER_ON, ArmOnRing, BringUp
-from trocar.procs.system.sound import Sound
+from trocar.procs.system.sound import BEEPS, SPEECH, Sound
 from trocar.procs.tables import codes
 from trocar.procs.tables.bring_up import HOME
 from trocar.shm.mailbox.client import LoopClient
@@ -88,19 +88,23 @@ class SystemCommands:
                             self.volume)
         return f"clipped: volume {asked:g} → {self.volume:g}"
 
-    def _beep(self, request: Request) -> None:
+    def _beep(self, request: Request) -> str:
         given = (*map(float, request.values), *(BEEP_S, BEEP_HZ, self.volume)[len(request.values) :])
         limits = ((MIN_S, MAX_S), (LOWEST_HZ, HIGHEST_HZ), (0.0, 1.0))
         used = [min(max(value, lower), upper) for value, (lower, upper) in zip(given, limits, strict=True)]
+        clipped = []
         for what, value, good in zip(("duration", "frequency", "volume"), given, used, strict=True):
             if value != good:
+                clipped.append(f"{what} {value:g} → {good:g}")
                 self._events.report(codes.BEEP_CLIPPED, f"beep: {what} {value:g} taken as {good:g}", "system", -1,
                                     value, good)
         self.beep(*used)
+        return "; ".join(filter(None, ("clipped: " * bool(clipped) + ", ".join(clipped), self._sound.lacks_of(BEEPS))))
 
-    def _say(self, request: Request) -> None:
+    def _say(self, request: Request) -> str:
         text = request.text.strip()
         if not text:
             raise CommandRefused("takes a text")
         self._events.emit("string_to_speech", text)
         self._sound.say(text, self.volume)
+        return self._sound.lacks_of(SPEECH)

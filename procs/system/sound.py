@@ -25,6 +25,7 @@ FADE_S: Final = 0.005  # without it a beep clicks
 WAITING: Final = 8
 GIVE_UP_NS: Final = 90_000_000_000  # the longest beep is 60 s; a program that takes longer hangs, and others wait
 NOBODY: Final = "none"
+BEEPS, SPEECH = "beeps (aplay or paplay)", "speech (espeak-ng or espeak)"
 
 
 def tone(duration_s: float, frequency_hz: float, volume: float) -> bytes:
@@ -65,8 +66,12 @@ class Sound:
     @property
     def lacks(self) -> str:
         """Sounds that cannot be played, with the missing programs; empty if all can."""
-        missing = [text for text, there in (("beeps (aplay or paplay)", self._player),
-                                            ("speech (espeak-ng or espeak)", self._speaker)) if there is None]
+        return self.lacks_of(BEEPS, SPEECH)
+
+    def lacks_of(self, *sounds: str) -> str:
+        """The same, of these sounds."""
+        there = {BEEPS: self._player, SPEECH: self._speaker}
+        missing = [sound for sound in sounds if there[sound] is None]
         return f"no {' and no '.join(missing)} on this computer" if missing else ""
 
     def beep(self, duration_s: float, frequency_hz: float, volume: float) -> None:

@@ -71,7 +71,7 @@ def live(kind: str, own: type[UserNode] | None = None) -> None:
                 ControlPage(chosen.system, chosen.name, write=True)) as page:
             page.show("FAILED", cause_of(error))
         sys.exit(SETUP_FAILED)
-    with lived(process.own):
+    with lived(process.own, traces=own is None):  # which line of the user's it was
         process.run()
     process.close()
 

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 
     from trocar.shm.mailbox.command_row import CommandRow
     from trocar.shm.mailbox.origins import Origin, SenderId
+    from trocar.shm.memory.holders import Holder
     from trocar.shm.ring.ring import RingWriter
 
-NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "peer", "id",
-         "monotonic_ns", "local_ns")
+NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "sender", "pid", "place", "peer",
+         "id", "monotonic_ns", "local_ns")
 REASON = 400  # bytes
 JAW = "jaw"
 
@@ -46,8 +47,8 @@ class AuditedCommand(Protocol):
         """Its text argument."""
 
     @property
-    def pid(self) -> int:
-        """The process that sent it; 0: not known."""
+    def holder(self) -> Holder:
+        """The program that sent it; pid 0: not known."""
 
     @property
     def origin_id(self) -> int:
@@ -75,7 +76,7 @@ class Audit:
     def write(self, received: AuditedCommand, outcome: str, reason: str) -> None:
         """One command has got an answer."""
         command = received.command
-        if command.stream and not (self._every and is_direct(received.origin_id, received.pid)):
+        if command.stream and not (self._every and is_direct(received.origin_id, received.holder.pid)):
             part = command.stream == JAW
             stream = command.name, received.place, received.origin_id, outcome, reason
             if stream == self._streams.get(part):
@@ -83,11 +84,10 @@ class Audit:
             self._streams[part] = stream
         elif self._streams:
             self._streams.clear()
-        origin = received.origin
+        origin, holder = received.origin, received.holder
         values = (command.name.encode(), received.text.encode(), outcome.encode(), shorten(reason, REASON), origin.id,
-                  origin.generation, origin.program.encode(), received.pid, received.place, received.sender.peer,
-                  received.id,
-                  monotonic_ns(), local_ns())
+                  origin.generation, origin.program.encode(), holder.program.encode(), holder.pid, received.place,
+                  received.sender.peer, received.id, monotonic_ns(), local_ns())
         for field, value in zip(self._fields, values, strict=True):
             field[...] = value
         used = received.values[: len(self._values)]

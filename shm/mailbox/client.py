@@ -199,11 +199,11 @@ class Client:
     """One handle. Its place is taken with the first command."""
 
     def __init__(self, system: str, instance: str, called: str = "", time_ns: Callable[[], int] = monotonic_ns,
-                 number: Callable[[], int] = new_id, peer: int = 0) -> None:
+                 number: Callable[[], int] = new_id, peer: int = 0, holder: str = "") -> None:
         """SegmentError when the instance has no mailbox; `called`: the name that others see, default our program's.
 
         `time_ns` tells whether a stream has paused, `number` numbers the person's commands. `peer`: which client of a
-        bridge, see SenderId.
+        bridge, see SenderId; `holder`: the bridge's own name, as holder of the place that its clients share.
         """
         self.instance, self.peer = instance, peer
         self._time_ns, self._new_number = time_ns, number
@@ -217,7 +217,7 @@ class Client:
         self._stream, self._streamed_ns = NOBODY, -STREAM_NS
         self.inbox: list[Reply] = []
         """Replies that another handle has fetched for this one."""
-        self._desk = DESKS.open(system, instance, called or program_name())
+        self._desk = DESKS.open(system, instance, holder or called or program_name())
         self._program, self._closed = called or program_name(), False
 
     @property

@@ -24,7 +24,9 @@ def unauthorized(row: CommandRow, text: str, values: Numbers, origin: Origin, ce
     if cell is None or authorizes(origin, cell) or not row.needs_operator(text, values):
         return ""
     before = f" ({origin.program or 'a program'} gave its command earlier)" if origin.id else ""
-    return f"not authorized{before}: needs an operator's command given after the last fault or power-off"
+    stream = "; a stream that began before must pause first" if origin.id and row.stream else ""
+    return (f"{row.name}: not authorized{before}: needs an operator's command given after the last fault or "
+            f"power-off{stream}")
 
 
 def late(row: CommandRow, text: str, values: Numbers, waited_ns: int) -> str:

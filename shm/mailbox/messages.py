@@ -88,6 +88,7 @@ AUDIT = Topic(
         Field("origin", "<u8", "", "number of the operator's command that caused it, 0: none"),
         Field("generation", "<u8", "", "fault generation of the system at that command"),
         Field("program", "S16", "", "program that sent that command"),
+        Field("sender", "S60", "", "program that sent it here, on behalf of that program"),
         Field("pid", "<i4", "", "process that sent it here"),
         Field("place", "u1", "", "place in the mailbox that it came through"),
         Field("peer", "<u4", "", "of a bridge: which of its clients sent it, 0: the program itself"),

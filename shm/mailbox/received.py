@@ -11,6 +11,7 @@ from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.mailbox.mailbox_map import MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW
 from trocar.shm.mailbox.origins import Origin, SenderId
 from trocar.shm.memory.header import readable
+from trocar.shm.memory.holders import Holder
 
 if TYPE_CHECKING:
     from trocar.shm.mailbox.mailbox import Mailbox
@@ -22,7 +23,7 @@ OUTCOMES = {ACCEPTED: "accepted", REFUSED: "refused", DONE: "done", FAILED: "fai
 class Received:
     """One command; answer it once with accept/refuse/done, and later done/fail if it takes time."""
 
-    __slots__ = ("_box", "_head", "_pid", "_raw", "command", "id", "place", "values")
+    __slots__ = ("_box", "_head", "_holder", "_raw", "command", "id", "place", "values")
 
     def __init__(self, box: Mailbox, place: int, command: CommandRow, head: tuple[int, ...], raw: bytes,
                  values: NDArray[np.float64]) -> None:
@@ -32,7 +33,7 @@ class Received:
         """
         self._box, self.place, self._head, self._raw = box, place, head, raw
         self.id, self.command, self.values = head[1], command, values
-        self._pid: int | None = None
+        self._holder: Holder | None = None
 
     @property
     def name(self) -> str:
@@ -45,11 +46,16 @@ class Received:
         return self._head[0]
 
     @property
+    def holder(self) -> Holder:
+        """The program that sent it, as it reported itself. Fixed at the first call: places are reused."""
+        if self._holder is None:
+            self._holder = self._box.holder(self.place)
+        return self._holder
+
+    @property
     def pid(self) -> int:
-        """The process that sent it, as it reported itself; 0: unknown. Fixed at the first call: places are reused."""
-        if self._pid is None:
-            self._pid = self._box.holder(self.place).pid
-        return self._pid
+        """The process that sent it; 0: unknown."""
+        return self.holder.pid
 
     @property
     def sender(self) -> SenderId:

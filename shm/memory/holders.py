@@ -22,9 +22,13 @@ class Holder(NamedTuple):
     def reported(self, person: str = "", places: int = 1) -> str:
         """In words; `person`: the program of the person that it acts for."""
         more = [f"pid {self.pid}"] * bool(self.pid) + [f"{places} places"] * (places > 1)
-        name = (self.program or "a program") if self.pid else "a program that does not say its name"
-        through = f"{person} through " if person and not self.program.startswith(person) else ""
-        return through + name + (f" ({', '.join(more)})" if more else "")
+        name = self.acting_for(person) if self.pid else "a program that does not say its name"
+        return name + (f" ({', '.join(more)})" if more else "")
+
+    def acting_for(self, person: str) -> str:
+        """Its name, and the program of the person that it acts for, if that is another one."""
+        name = self.program or "a program"
+        return f"{name} for {person}" if person and not name.startswith(person) else name
 
 
 NAMELESS = Holder(0, "")

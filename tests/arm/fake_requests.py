@@ -11,6 +11,7 @@ from tests.command_rows import row_named
 from trocar.procs.tables.codes import Code
 from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.mailbox.origins import Origin, SenderId
+from trocar.shm.memory.holders import NAMELESS, Holder
 from trocar.shm.system.events import SEVERITIES, sentence
 
 
@@ -56,6 +57,8 @@ class FakeRequest:
     sender: SenderId = PROGRAM
     pid: int = 4711
     has_client: bool = True
+    holder: Holder = NAMELESS
+    """The program that its origin names, by default."""
 
     kind: str = ""
 
@@ -65,6 +68,8 @@ class FakeRequest:
 
     def __post_init__(self) -> None:
         self.values = np.array(self.values, dtype=np.float64)
+        if self.holder == NAMELESS:
+            self.holder = Holder(self.pid, self.origin.program)
 
     def accept(self, text: str = "") -> None:
         self.replies.append(("accepted", text))

@@ -13,6 +13,7 @@ from tests.arm.fake_requests import FakeRequest
 from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.efforts import COUNT
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_vector
+from trocar.procs.node.requests import CommandRefused
 
 BENT = (0.2, -0.3, 0.15, 0.4, -0.5, 0.6)
 QUARTER = (0.1, 0.2, 0.3, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
@@ -376,3 +377,11 @@ def test_questions_are_answered_with_numbers(harness: ArmHarness) -> None:
 def test_the_published_pose_is_that_of_the_frame(harness: ArmHarness) -> None:
     tip = matrix_from_pose(pose(harness, "local_measured_cp"))
     assert pose_from_matrix(tip) == pytest.approx(pose(harness))
+
+
+def test_a_frame_with_two_uses_is_named_once(harness: ArmHarness) -> None:
+    cartesian = harness.arm.control.cartesian
+    cartesian.name_frame(cartesian.local_frame)
+    with pytest.raises(CommandRefused) as refused:
+        cartesian.is_local("world")
+    assert str(refused.value).count(cartesian.local_frame) == 1

@@ -6,6 +6,7 @@ from tests.arm.fake_requests import FakeRequest
 from trocar.procs.arm.streams import StreamKind, Streams
 from trocar.procs.node.requests import STREAM_PAUSE_NS
 from trocar.shm.mailbox.origins import Origin
+from trocar.shm.memory.holders import Holder
 
 MS = 1_000_000
 
@@ -42,6 +43,15 @@ def test_one_program_streams_positions_until_it_has_paused() -> None:
     assert programs.goal("B", after_ms=99)
     assert not programs.goal("B", after_ms=2), "A has paused for 0.1 s"
     assert programs.goal("A") == "B.py is streaming positions; stop it first (hold)"
+
+
+def test_the_program_that_sends_is_named_before_the_one_that_began_it() -> None:
+    streams = Streams()
+    teleop = FakeRequest("servo_cp", holder=Holder(4711, "MTMR_PSM1"), origin=Origin(1, 0, "matlab"))
+    assert not streams.objection(StreamKind.POSITION, "teleop", teleop, MS)
+    streams.take(MS)
+    why = streams.objection(StreamKind.POSITION, "ros", FakeRequest("servo_jr"), 2 * MS)
+    assert why.startswith("MTMR_PSM1 for matlab is streaming")
 
 
 def test_wrist_jaw_and_efforts_may_come_from_different_programs() -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from tests.system.robot import ROOT
 from trocar.procs.config import load_system
+from trocar.procs.config.loading import bridges
 from trocar.procs.document.bridges import FoxgloveServer
 
 FILE = ROOT / "configs" / "systems" / "kinematic.yaml"
@@ -17,6 +18,12 @@ def test_it_is_there_where_the_file_says_so() -> None:
     assert system is not None and system.foxglove == FoxgloveServer("127.0.0.1:8765", 50.0)
     row = system.process("foxglove")
     assert (row.kind, row.period_s, row.priority, row.start) == ("foxglove", 0.02, 0, "always") and "PSM1" in row.after
+
+
+def test_a_package_that_is_not_installed_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bridges, "find_spec", lambda name: None)
+    loaded = load_system(FILE, sets=["foxglove.rate_hz=50"])
+    assert not loaded.errors and any("pip install foxglove-sdk" in str(problem) for problem in loaded.warnings)
 
 
 @pytest.mark.parametrize("text", ["foxglove.listen=192.0.2.1:8765", "foxglove.listen=8765", "foxglove.rate_hz=0.5",

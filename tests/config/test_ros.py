@@ -52,6 +52,11 @@ def test_elsewhere_only_where_the_file_says_so_and_everybody_is_told(sets: tuple
     assert "eth0" in note and ("power" in note) is expected
 
 
+def test_an_interface_that_this_machine_lacks_is_a_warning() -> None:
+    loaded = load_system(FILE, sets=["ros.interface=none9"])
+    assert not loaded.errors and any("none9" in str(problem) for problem in loaded.warnings)
+
+
 @pytest.mark.parametrize("text", ["ros.domain=233", "ros.domain=-1", "ros.period_s=0", "ros.interface=a b",
                                   "ros.namespace=1x", "ros.io=yes", "ros.unknown=1"])
 def test_what_makes_no_sense_is_refused(text: str) -> None:

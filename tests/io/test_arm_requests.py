@@ -167,7 +167,7 @@ def test_a_check_that_no_arm_needs_is_taken_away_by_an_operator_alone_who_is_nam
         harness.run(40)
     nobody = FakeCommand(name, "PSM1", 0.0, origin=Origin(0, 0, ""))
     harness.run(1, nobody)
-    assert nobody.answers == [("refused", UNAUTHORIZED)]
+    assert nobody.answers == [("refused", f"{name}: {UNAUTHORIZED}")]
     for cell, outcome in ((FakeCell(), "done"), (FakeCell(valid_from=1), "refused")):
         harness.core._commands._faults[:] = [cell]
         harness.ask(name, 1)

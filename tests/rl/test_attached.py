@@ -16,9 +16,11 @@ from trocar.procs.rl import attached
 from trocar.procs.rl.attached import RunningSystem
 from trocar.procs.rl.backend import RobotStopped
 from trocar.procs.rl.hand_over import PsmHandOver
+from trocar.procs.rl.rollouts import RolloutTask, run
 from trocar.procs.rl.tasks import EcmAim, PsmReach
 from trocar.shm.time.system_time import LOCKSTEP
 from trocar.tools.output.errors import Problem
+from trocar.tools.systems.find import all_up, is_up
 
 
 @pytest.mark.parametrize("control", ["joint", "cartesian"])
@@ -87,6 +89,21 @@ def test_after_a_fault_it_waits_for_a_person_to_make_it_anew(system: Callable[..
     again = made(host)
     again.reset()
     again.close()
+
+
+def person_holds(observation: object) -> object:
+    """A policy during which a person holds the arm."""
+    HostTime.host.client("PSM1").send("hold")
+    HostTime.host.run(0.02)
+    return np.zeros(7)
+
+
+def test_a_rollout_whose_last_episode_was_stopped_says_so(psm: Host) -> None:
+    where = RunningSystem(psm.name)
+    episodes = run(RolloutTask("trocar/PsmReach-v0", {"backend": where, "starts": 2}, f"{__name__}:person_holds"), [1])
+    assert "hold" in next(episodes).fault
+    with pytest.raises(RobotStopped, match="make a new environment"):
+        next(episodes)
 
 
 def test_a_base_that_is_moved_ends_it_before_the_arm_jumps(psm: Host) -> None:
@@ -281,3 +298,7 @@ def test_two_arms_hand_over_as_in_a_host(system: Callable[..., Host]) -> None:
     np.testing.assert_allclose(np.frombuffer(drawn(env, 3, 4)), np.frombuffer(drawn(other, 3, 4)), atol=1e-9)
     env.close()
     other.close()
+
+
+def test_an_environment_of_this_program_is_no_system_that_is_up(psm: Host) -> None:
+    assert is_up(psm.name) and psm.name not in all_up()

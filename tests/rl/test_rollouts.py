@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 from trocar.procs.rl import ray_actors
 from trocar.procs.rl.backend import RobotStopped
 from trocar.procs.rl.rollouts import EpisodeRunner, NoPolicy, PolicyFailed, RolloutTask, check, policy_of, run
+from trocar.procs.rl.tasks import PsmReach
 from trocar.tools import cli
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -104,9 +105,12 @@ def test_a_file_with_a_mistake_is_told(tmp_path: Path) -> None:
 def test_a_policy_that_fails_says_where(tmp_path: Path) -> None:
     file = tmp_path / "failing.py"
     file.write_text("def acts(observation):\n    return observation['none']\n"
-                    "class Learned:\n    def __init__(self):\n        self.weights = 1 / 0.0\n")
+                    "class Learned:\n    def __init__(self):\n        self.weights = 1 / 0.0\n"
+                    "def leaves(observation): raise SystemExit(3)\n")
     with pytest.raises(PolicyFailed, match=r"acts failed: IndexError: .*failing.py:2"):
         list(run(RolloutTask("CartPole-v1", {}, f"{file}:acts"), [1]))
+    with pytest.raises(PolicyFailed, match=r"leaves failed: SystemExit: 3.*failing.py:6"):
+        list(run(RolloutTask("CartPole-v1", {}, f"{file}:leaves"), [1]))
     with pytest.raises(NoPolicy, match=r"Learned\(\) failed: ZeroDivisionError"):
         policy_of(f"{file}:Learned")
 
@@ -256,3 +260,10 @@ def test_a_misspelt_option_is_told_with_those_that_there_are() -> None:
                                  ("trocar/PsmReach-v0", {"bakend": "attached"})):
         with pytest.raises(TypeError, match=r"no option bakend; allowed: backend, control, .*height$"):
             EpisodeRunner(RolloutTask(environment, options))
+    with pytest.raises(TypeError, match=r"PsmReach has no option bckend; allowed: backend, .*height$"):
+        PsmReach(bckend="attached")  # type: ignore[call-arg]
+
+
+def test_a_picture_that_an_environment_does_not_draw_is_a_wrong_value() -> None:
+    with pytest.raises(ValueError, match="render_mode is 'human'; allowed: None, 'rgb_array'"):
+        EpisodeRunner(RolloutTask("trocar/PsmReach-v0", {"render_mode": "human"}))

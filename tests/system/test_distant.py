@@ -200,7 +200,7 @@ def test_events_and_sounds_are_the_same_from_elsewhere(robot: Robot) -> None:
                  "the same events")
         assert [event["state"] for event in seen["here"]][-1] == "ENABLED" and seen["here"][-1]["is_homed"]
         system.set_volume(0.3)
-        same.beep(0.01)
+        same.beep(0.05)
         same.string_to_speech("hello")
         wait_for(lambda: same.volume() == 0.3, 20, "the volume")
         assert same.process_events() == 1 and seen["volume"][0]["volume"] == 0.3

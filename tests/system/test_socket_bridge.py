@@ -209,7 +209,7 @@ def test_a_hold_of_one_connection_ends_the_stream_of_another(robot: Robot) -> No
     def hold(client: SocketClient) -> bool:
         return str(client.ask(op="call", to="PSM1", command="hold")["outcome"]) == "done"
 
-    wait_for(lambda: streams() and "socket is streaming positions" in refusal(second, 0.001), 60, "one streams")
+    wait_for(lambda: streams() and "is streaming positions" in refusal(second, 0.001), 60, "one streams")
     wait_for(lambda: streams() and hold(first) and streams(), 60, "who holds may go on at once")
     wait_for(lambda: streams() and hold(second) and "this stream has ended" in refusal(first), 60, "its end")
     wait_for(streams, 60, "it is followed again")

@@ -22,6 +22,7 @@ class Mine(trocar.Process):
     def setup(self):
         if self.name == "broken":
             raise OSError("no sensor on the line")
+        print("printed before it hangs")
 
     def on_hang(self):
         time.sleep(1000)
@@ -72,6 +73,8 @@ class Ending(trocar.Process):
     def main(self):
         if self.name == "exits":
             sys.exit()
+        if self.name == "reads":
+            self.subscribe("PSM1/stat")
 """
 ARMS = [{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml"}]
 
@@ -99,12 +102,14 @@ def test_a_broken_and_a_hanging_process_change_nothing_else(robot: Robot, tmp_pa
     assert "hung for" in reason(robot, "stuck") and reason(robot, "stuck").endswith(" in on_hang, trocar logs stuck")
     line = PROGRAM[:PROGRAM.index("time.sleep")].count("\n") + 1
     assert f'mine.py", line {line} in on_hang' in robot.trocar("logs", "stuck")
+    assert "printed before it hangs" in robot.trocar("logs", "stuck"), "although it was killed"
     assert robot.pid("PSM1") == arm and robot.state("PSM1") == "RUNNING"
     assert robot.down() == 0
 
 
 def test_one_that_ends_by_itself_says_so_and_is_not_said_to_run(robot: Robot, tmp_path: Path) -> None:
-    up(robot, tmp_path, ENDING, {"name": "exits", "restart_limit": 1}, {"name": "returns", "restart_limit": 0})
+    up(robot, tmp_path, ENDING, {"name": "exits", "restart_limit": 1}, {"name": "returns", "restart_limit": 0},
+       {"name": "reads", "restart_limit": 0})
     line = ENDING[:ENDING.index("sys.exit")].count("\n") + 1
     whys = {"exits": f"sys.exit() in mine.py line {line}", "returns": "exit code 0: its main has returned"}
     for name, why in whys.items():
@@ -115,6 +120,9 @@ def test_one_that_ends_by_itself_says_so_and_is_not_said_to_run(robot: Robot, tm
         robot.trocar("stop", name, "--yes")
         assert robot.state(name) == "STOPPED" and problem(robot, name) == "stopped"
         assert reason(robot, name).startswith(f"stopped: it had ended before: {why}")
+    line = ENDING[:ENDING.index("self.subscribe")].count("\n") + 1
+    wait_for(lambda: f'mine.py", line {line}, in main' in robot.trocar("logs", "reads"), 60, "its line")
+    robot.trocar("stop", "reads", "--yes")
     assert robot.down() == 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import time
 from collections.abc import Iterator
 
@@ -45,16 +46,17 @@ def asked(system: str, name: str, client: Client) -> None:
 
 
 def test_commands_of_all_processes_come_in_order_with_whose_they_are(system: str) -> None:
-    loop = LoopClient(system, "PSM1")
+    loop = LoopClient(system, "PSM1", "system")
     loop.on_behalf(Origin(0x4D2, 3, "trocar home"))
     asked(system, "PSM1", loop)
-    asked(system, "ECM", LoopClient(system, "ECM"))
+    asked(system, "ECM", LoopClient(system, "ECM", "console"))
     reported = [asked_line(row).split("  ", 1)[1] for row in asked_rows(system, None, 20)[0]]
-    assert [line.partition(" by pid")[0] for line in reported] == [
-        "PSM1: state_command home: accepted; for trocar home, number 4d2, generation 3",
-        "PSM1: state_command home: done (HOMED); for trocar home, number 4d2, generation 3",
-        "ECM: state_command home: refused (not authorized: needs an operator's command given after the last fault or "
-        "power-off); without an operator's command"]
+    pid = f"(pid {os.getpid()})"
+    assert reported == [
+        f"PSM1: state_command home: accepted; for trocar home, number 4d2, generation 3 by system {pid}",
+        f"PSM1: state_command home: done (HOMED); for trocar home, number 4d2, generation 3 by system {pid}",
+        "ECM: state_command home: refused (state_command: not authorized: needs an operator's command given after the "
+        f"last fault or power-off); without an operator's command by console {pid}"]
     assert [row["process"] for row in asked_rows(system, "ECM", 20)[0]] == ["ECM"]
 
 

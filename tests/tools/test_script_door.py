@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import subprocess
 import sys
@@ -97,6 +98,26 @@ def test_a_wrong_word_is_answered_with_the_nearest_ones_of_this_arm(kinematic: S
         with pytest.raises(AttributeError, match="PSM1 has no command unlock_orientatio") as told:
             wrong.unlock_orientatio()
         assert "unlock_orientation" not in str(told.value).partition(";")[2]
+        with pytest.raises(AttributeError, match="PSM1 has no command lock_orientation"):
+            wrong.lock_orientation()
+
+
+@pytest.mark.slow
+def test_a_power_off_is_sent_whatever_its_timeout_is(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    wrong: Any = "x"
+    with trocar.arm("PSM1", kinematic.name) as psm, pytest.raises(trocar.Problem):  # nothing answers here
+        psm.disable(wrong)
+    assert [(asked.name, asked.text) for asked in kinematic.mailbox.drain(0)] == [("state_command", "disable")]
+
+
+@pytest.mark.parametrize("timeout", ["x", -1, math.inf, math.nan, None])
+def test_a_timeout_that_is_none_is_a_wrong_value(kinematic: ScriptedRobot, timeout: Any) -> None:
+    kinematic.show_arm()
+    with trocar.arm("PSM1", kinematic.name) as psm:
+        for call in (psm.process_events, psm.check_connections, psm.home, psm.enable):
+            with pytest.raises(ValueError, match="timeout"):
+                call(timeout)
 
 
 def test_a_closed_arm_says_so(kinematic: ScriptedRobot) -> None:

@@ -182,7 +182,7 @@ def process(name: str, problem: str = "", kind: str = "arm", lifecycle: str = "R
      "supervisor is stalled: trocar down; then trocar up FILE starts the system again"),
     ([process("mine", "stalled", "user")], [], "mine is stalled: trocar restart mine"),
     ([process("mine", "failed: no sensor", "user")], [],
-     "mine failed: no sensor: trocar start mine; trocar logs mine may say why"),
+     "mine failed: no sensor: trocar start mine once its cause is removed; trocar logs mine may say why"),
     ([process("mine", "no sensor", "user")], [], "mine: no sensor: trocar logs mine"),
     ([process("theirs", "dead", "third_party", "")], [],
      "theirs is dead: it is a third-party program; start it again"),

@@ -321,6 +321,8 @@ def test_words_become_numbers_and_text() -> None:
         parsed(listed(CommandRow("x", SETTING, "", (Argument("on"),))), ["yes"])
     with pytest.raises(Misuse, match="finite"):
         parsed(both, ["nan"])
+    with pytest.raises(Misuse, match=r"1 given; 'PSM1 roll' was taken as its text \(robot\)"):
+        parsed(listed(CommandRow("x", SETTING, "", (Argument("axis"), Argument("on")), "robot")), ["PSM1", "roll", "1"])
 
 
 def test_down_clears_what_a_dead_system_left(world: Any) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from tests.conftest import World
 from trocar.procs.crtk.topics import catalogue
@@ -31,6 +32,7 @@ from trocar.shm.system.subscriptions import Subscriptions
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.topics import ARM_STATE
+from trocar.tools import cli
 from trocar.tools.inspect.processes import statuses
 
 FOR_NS = 60_000_000_000  # so long a supervisor is there that beats once
@@ -136,6 +138,15 @@ def test_commands_come_with_typed_arguments(make: Callable[..., Mine], client: C
     assert (refused.outcome, refused.text) == ("refused", "go: takes force (3) [N], fast 0|1; 3 given")
     assert (neither.outcome, neither.text) == ("refused", "go: fast 7; allowed: 0|1")
     assert nobody.outcome == "refused" and nobody.text == "mine is not plain"
+
+
+def test_the_command_line_does_not_send_a_command_without_its_text(make: Callable[..., Mine]) -> None:
+    mine = make()
+    words = ["send", "mine", "go", "1", "2", "3", "1", "--system", mine.system, "--timeout", "0.01"]
+    result = CliRunner().invoke(cli.build("send"), words)
+    assert result.exit_code == 2 and "why" in result.stderr
+    CliRunner().invoke(cli.build("send"), [*words, ""])
+    assert mine.process_messages() == 1 and mine.calls == [([1.0, 2.0, 3.0], True, "")]
 
 
 def test_what_is_declared_and_has_no_handler_ends_its_setup(make: Callable[..., Mine]) -> None:

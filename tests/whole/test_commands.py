@@ -112,7 +112,8 @@ def test_senseless_beep_is_refused(values: tuple[float, ...]) -> None:
 
 def test_long_beep_is_clipped_with_a_warning() -> None:
     stage = CommandStage()
-    assert stage.ask("beep", 100.0, 3000.0, 2.0).outcome == "done"
+    (outcome, text), = stage.ask("beep", 100.0, 3000.0, 2.0).answers
+    assert outcome == "done" and text.startswith("clipped: duration 100 → 60, volume 2 → 1; ") and "aplay" in text
     assert [event for event, _ in stage.events.reported] == ["warning", "warning", "beep"]
 
 

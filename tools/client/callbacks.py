@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from trocar.procs.crtk.names import none_such
 from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.deadline import seconds
 from trocar.tools.client.ways import EventWay
 from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
@@ -47,7 +48,8 @@ class Callbacks:
 
     def run(self, timeout: float = 0.0) -> int:
         """Call the functions for new events; returns the number of calls. Waits up to `timeout` s for a first one."""
-        count, end = self._run(), monotonic_ns() + round(timeout * 1e9)
+        limit_s = seconds(timeout)
+        count, end = self._run(), monotonic_ns() + round(limit_s * 1e9)
         while not count and monotonic_ns() < end:
             pause(POLL_S)
             count = self._run()

@@ -12,6 +12,7 @@ from trocar.procs.user.process import UserNode
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.bring_up import bring_all
+from trocar.tools.client.deadline import seconds
 from trocar.tools.client.instance import InstanceHandle
 from trocar.tools.client.provider import Handler as Handler
 from trocar.tools.client.provider import Provider as Provider
@@ -93,7 +94,7 @@ def _attached(kind: str, make: Callable[[Ways, str], A], system: str, name: str)
 def connected(attach: Callable[[], T], timeout: float, what: str) -> T:
     """The result of `attach`, once it succeeds; TimeoutError (last problem) after `timeout` s; NotThere, PlaceTaken."""
     ctrl_c_in_a_line()
-    end = monotonic_ns() + round(timeout * 1e9)
+    end = monotonic_ns() + round(seconds(timeout) * 1e9)
     while True:
         try:
             return attach()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from trocar.procs.crtk.names import none_such
 from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.mailbox.command_row import of_type
 from trocar.tools.client.callbacks import Callbacks, Event, Reporting
+from trocar.tools.client.deadline import is_timeout, seconds
 from trocar.tools.client.moves import Waits
 from trocar.tools.client.ways import RecordWay, RowWay, Ways, ways_of
 
@@ -74,10 +75,14 @@ class Instance(InstanceHandle):
             """
             if name.startswith("_"):
                 raise AttributeError(name)
-            for command in (str(row["name"]) for row in self._remote.commands):
-                if command.replace("/", "_") == name:
-                    return partial(self._command, command)
+            for row in self._remote.commands:
+                if str(row["name"]).replace("/", "_") == name and self._has(row):
+                    return partial(self._command, str(row["name"]))
             raise AttributeError(none_such("command", name, self._words(), self.name))
+
+    def _has(self, row: dict[str, Any]) -> bool:
+        """Whether its type has this command; most commands are those of all types."""
+        return "types" not in row or bool(of_type([row], self._ways.type_of(self.name)))
 
     def _words(self) -> list[str]:
         """All that can be called, methods and commands of its type."""
@@ -132,15 +137,16 @@ class Instance(InstanceHandle):
 
     def enable(self, timeout: float = 10.0) -> None:
         """Power on and wait until done; Problem gives the reason for a failure."""
-        self._ways.bring(self.name, ENABLED, timeout)
+        self._ways.bring(self.name, ENABLED, seconds(timeout))
 
     def disable(self, timeout: float = 10.0) -> None:
-        """Power off and wait until done."""
-        self._ways.bring(self.name, DISABLED, timeout)
+        """Power off and wait until done; also with a wrong timeout, which is an error afterwards."""
+        self._ways.bring(self.name, DISABLED, timeout if is_timeout(timeout) else 0.0)
+        seconds(timeout)
 
     def home(self, timeout: float = 60.0) -> None:
         """Enable if needed, home, and wait until it is homed."""
-        self._ways.bring(self.name, HOMED, timeout)
+        self._ways.bring(self.name, HOMED, seconds(timeout))
 
     def unhome(self, timeout: float = 10.0) -> None:
         """Clear the homing and wait until it is cleared."""

@@ -33,9 +33,9 @@ class Waits:
 
     def until(self, done: Callable[[], bool], timeout: float, what: str) -> None:
         """Wait for a condition; TimeoutError after `timeout` s, of our time and the robot's: `what` is not so."""
+        limit = Deadline(timeout, self._robot_ns)
         if done():
             return
-        limit = Deadline(timeout, self._robot_ns)
         while not done():
             if self._callbacks is not None:
                 self._callbacks.run()

@@ -12,9 +12,11 @@ from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.commands import became
 from trocar.shm.memory.header import SegmentError
 from trocar.tools.client.callbacks import Callbacks, Reporting
+from trocar.tools.client.deadline import is_timeout, seconds
 from trocar.tools.client.distant import DistantRemote, DistantWays
+from trocar.tools.client.moves import CLIPPED, warn
 from trocar.tools.client.ways import RowWay, Ways
-from trocar.tools.output.errors import Problem
+from trocar.tools.output.errors import Clipped, Problem
 
 WHOLE: Final = "system"
 """The process that brings all arms up, repeats their reports and makes sounds, in systems with consoles."""
@@ -32,15 +34,16 @@ class WholeSystem(Reporting, ABC):
 
     def power_on(self, timeout: float = 10.0) -> None:
         """Enable every arm, and the setup joints; Problem names the failed ones with reasons."""
-        self._bring(ENABLED, timeout)
+        self._bring(ENABLED, seconds(timeout))
 
     def home(self, timeout: float = 60.0) -> None:
         """Home every arm, enabling those that are not."""
-        self._bring(HOMED, timeout)
+        self._bring(HOMED, seconds(timeout))
 
     def power_off(self, timeout: float = 10.0) -> None:
-        """Disable every arm."""
-        self._bring(DISABLED, timeout)
+        """Disable every arm; also with a wrong timeout, which is an error afterwards."""
+        self._bring(DISABLED, timeout if is_timeout(timeout) else 0.0)
+        seconds(timeout)
 
     @abstractmethod
     def _bring(self, goal: str, timeout: float) -> None:
@@ -65,7 +68,9 @@ class WholeSystem(Reporting, ABC):
     def _ask(self, command: str, values: Sequence[float] = (), text: str = "") -> None:
         self._row()
         with contextlib.closing(self._ways.remote(WHOLE)) as remote:
-            remote.ask(command, values, text)
+            reply = remote.ask(command, values, text)
+        if reply.text.startswith(CLIPPED):
+            warn(f"{WHOLE} {command} was {reply.text}", Clipped)
 
     def _row(self) -> Mapping[str, Any]:
         try:

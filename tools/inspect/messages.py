@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any, Final
 
+from trocar.shm.memory.holders import Holder
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.system.events import SEVERITIES, STATUS
@@ -104,6 +105,6 @@ def asked_line(row: dict[str, Any]) -> str:
     asked = " ".join(filter(None, words))
     why = f" ({row['reason']})" if row["reason"] else ""
     whose = f"for {row['program'] or 'a program'}, number {row['origin']:x}, generation {row['generation']}"
-    through = f" by pid {row['pid']}" if row["pid"] else ""
+    by = f" by {Holder(row['pid'], row.get('sender', '')).reported()}" if row["pid"] else ""
     return (f"{time_of_day(row['local_ns'])}  {row['process']}: {asked}: {row['outcome']}{why}; "
-            f"{whose if row['origin'] else NO_ORIGIN}{through}")
+            f"{whose if row['origin'] else NO_ORIGIN}{by}")

@@ -271,7 +271,8 @@ def _help(process: ProcessStatus) -> str:
     if problem == STOPPED:
         return f"trocar start {name}"
     if is_dead or problem.startswith(NOT_RUNNING):
-        return f"trocar start {name}{why}"
+        first = " once its cause is removed" if problem.startswith(FAILED) else ""
+        return f"trocar start {name}{first}{why}"
     return f"trocar restart {name}" if problem == STALLED else logs
 
 

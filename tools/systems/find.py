@@ -9,6 +9,7 @@ from pathlib import Path
 
 from trocar.procs.crtk.names import none_such
 from trocar.procs.machine.paths import ROOT, given_file, not_found
+from trocar.shm.memory import private
 from trocar.shm.memory.owners import SERVICE_USER
 from trocar.shm.memory.segment import (
     Identity,
@@ -163,9 +164,10 @@ def _documented(named: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def _permitted() -> list[str]:
-    """Systems that we may look at, up or left over."""
+    """Systems that we may look at, up or left over, except those in our own memory: they are chosen by name only."""
     named = _named()
-    return [system for system in _documented(named) if not _forbidden(system, named[system])]
+    return [system for system in _documented(named)
+            if not private.is_kept(system) and not _forbidden(system, named[system])]
 
 
 def _of_others() -> str:

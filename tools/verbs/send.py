@@ -9,7 +9,7 @@ import typer
 from trocar.shm.mailbox.command_row import of_type, row_of
 from trocar.shm.memory.segment import names_of
 from trocar.tools.client.remote import Remote
-from trocar.tools.inspect.watch import arm_type
+from trocar.tools.inspect.watch import arm_type, document_of
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, table, tell
 from trocar.tools.systems.find import chosen_system, unknown
@@ -52,6 +52,8 @@ def send(
             there = of_type(remote.commands, arm_type(name, component))
             raise unknown("command", command, [str(row["name"]) for row in there], component)
         values, text = parsed(known[command], arguments or [])
+        if known[command].get("text") and not text and "" not in (arguments or []) and _is_users(name, component):
+            raise Misuse(f"{command} takes {_takes(known[command])}; no text was given ('': an empty one)")
         limit = timeout or (60.0 if wait else 2.0)
         reply = remote.settled(command, values, text, limit) if wait else remote.answered(command, values, text, limit)
     good = reply.outcome in ("accepted", "done")
@@ -65,6 +67,11 @@ def send(
         reason = reply.text.removeprefix(f"{command}: ") or "no reason given"
         raise Problem(f"{component} {command} {reply.outcome}: {reason}")
     return 0 if good else 1
+
+
+def _is_users(system: str, component: str) -> bool:
+    """Whether a component is a user's process, whose methods take every declared argument."""
+    return any(row.name == component for row in document_of(system).users)
 
 
 def renamed(command: str, words: list[str]) -> tuple[str, list[str]]:
@@ -97,7 +104,8 @@ def parsed(row: dict[str, Any], words: list[str]) -> tuple[list[float], str]:
     if texts and not takes_text:
         raise Misuse(f"{row['name']} takes {_takes(row) or 'nothing'}, got {' '.join(texts)!r}")
     if why := row_of(row).objection(values):
-        raise Misuse(f"{row['name']}: {why}")
+        taken = f"; {' '.join(texts)!r} was taken as its text ({row['text']})" if takes_values and texts else ""
+        raise Misuse(f"{row['name']}: {why}{taken}")
     return values, " ".join(texts)
 
 

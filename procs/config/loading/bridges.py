@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 from trocar.procs.config.loading.buses import SystemFiles
 from trocar.procs.config.loading.convert import by_name
 from trocar.procs.config.models.bridge_section import CertificateKeys, GuiKeys, SocketKeys, TlsKeys
 from trocar.procs.config.read.search import expanded
-from trocar.procs.document.bridges import FoxgloveServer, RosBridge, SocketBridge, WebConsole, is_loopback
+from trocar.procs.document.bridges import NO_FOXGLOVE, FoxgloveServer, RosBridge, SocketBridge, WebConsole, is_loopback
 from trocar.procs.document.recorder import Recorder
+from trocar.procs.machine.interfaces import lacks_interface
 
 
 def load_ros(system: SystemFiles) -> RosBridge | None:
@@ -20,6 +23,8 @@ def load_ros(system: SystemFiles) -> RosBridge | None:
     if not here:
         what = "see, command, power and home" if may_power else "see and command"
         system.note(f"ros: every program on the network of {options.interface} may {what} the robot")
+        if lacks := lacks_interface(options.interface):
+            system.warning(("trocar", "ros", "interface"), f"{options.interface}: {lacks}")
     return by_name(RosBridge, options, may_power=may_power)
 
 
@@ -79,6 +84,8 @@ def load_foxglove(system: SystemFiles) -> FoxgloveServer | None:
             system.error(("trocar", "foxglove", "listen"), f"other machines could read the data at {keys.listen}",
                           "tls with certificate and key; or an address that only this machine reaches, 127.0.0.1:8765")
         system.note(f"foxglove: every program that reaches {keys.listen} may view the robot")
+    if find_spec("foxglove") is None:
+        system.warning(("trocar", "foxglove"), NO_FOXGLOVE)
     certificate, key, _ = _tls(system, "foxglove", keys.tls)
     return by_name(FoxgloveServer, keys, certificate=certificate, key=key)
 

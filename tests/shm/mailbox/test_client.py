@@ -292,3 +292,14 @@ def test_what_is_no_stop_and_what_is_no_command_is_told_as_such(box: Mailbox, op
 def test_what_a_process_calls_itself(monkeypatch: pytest.MonkeyPatch, words: list[str], called: str) -> None:
     monkeypatch.setattr("sys.argv", words)
     assert program_name() == called
+
+
+def test_clients_of_a_bridge_share_a_place_under_its_own_name(system: str, box: Mailbox) -> None:
+    clients = [Client(system, "PSM1", program, peer=peer, holder="bridge")
+               for peer, program in enumerate(("gone.py", "plan.py"), 1)]
+    for client in clients:
+        client.send("hold")
+    assert [(got.holder.program, got.origin.program) for got in box.drain()] == [
+        ("bridge", "gone.py"), ("bridge", "plan.py")]
+    for client in clients:
+        client.close()

@@ -105,7 +105,7 @@ def test_a_process_that_nobody_asked_is_refused(box: Mailbox, loop: LoopClient) 
     assert ran(box) == []
     (reply,) = loop.poll()
     assert (reply.outcome, reply.text) == (
-        "refused", "not authorized: needs an operator's command given after the last fault or power-off")
+        "refused", "state_command: not authorized: needs an operator's command given after the last fault or power-off")
 
 
 def test_a_process_passes_on_whose_command_it_carries_out(box: Mailbox, loop: LoopClient) -> None:
@@ -134,6 +134,16 @@ def test_an_order_from_before_a_fault_counts_for_nothing_whoever_passes_it_on_wh
     assert ran(box) == []
     (reply,) = loop.poll()
     assert "not authorized" in reply.text and "trocar home" in reply.text
+
+
+def test_a_stream_from_before_a_fault_is_told_to_pause(box: Mailbox, person: Client, cell: FaultCell) -> None:
+    for command in ("servo_jp", "move_jp"):
+        person.send(command, (0.1,) * 6)
+        cell.fault()
+        assert ran(box) == []
+    streamed, moved = person.poll()
+    assert "servo_jp" in streamed.text and "pause" in streamed.text
+    assert "move_jp" in moved.text and "pause" not in moved.text
 
 
 def test_a_power_off_voids_older_orders_but_not_the_one_that_it_was_part_of(
