@@ -71,7 +71,8 @@ class Calls:
     """The connections of one client to all owners; its commands are operators' commands."""
 
     def __init__(self, system: str, owners: Mapping[str, CommandOwner], rights: Rights,
-                 is_over: Callable[[], bool], holder: str = "socket_bridge", first: FirstMessages | None = None) -> None:
+                 is_over: Callable[[], bool], holder: str = "socket_bridge", first: FirstMessages | None = None
+                 ) -> None:
         """`is_over`: whether commands are outdated after a stall, and refused. `holder`: name of the bridge. `first`:
         messages may have waited for its start.
         """
