@@ -194,6 +194,23 @@ def test_a_fault_of_the_state_machine_is_one(played: ScriptedRobot) -> None:
         assert values(capturing.past(1.0, 1.0)) == [0.1]
 
 
+def fault_repeated(played: ScriptedRobot) -> None:
+    """An arm in FAULT repeats its state at each command, also at the one that clears the fault."""
+    for position, state in ((0.1, "ENABLED"), (0.2, "FAULT"), (0.3, "FAULT"), (0.4, "DISABLED")):
+        played.events.operating_state(state, state, False, False)
+        played.show_arm(position)
+
+
+@pytest.mark.parametrize("when", ["fault", "fault PSM1"])
+def test_a_fault_is_where_it_begins(played: ScriptedRobot, when: str) -> None:
+    fault_repeated(played)
+    with opened(played, when) as capturing:
+        assert values(capturing.past(0.0, 1.0)) == [0.2, 0.3, 0.4]
+    fault_repeated(played)
+    with opened(played, when) as capturing:
+        assert values(capturing.past(0.0, 1.0)) == [0.2, 0.3, 0.4]
+
+
 @pytest.mark.slow
 def test_it_waits_and_takes_what_comes_after(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     positions = iter([0.1, 0.2, 0.9, 0.3, 0.4, 0.5])
@@ -216,6 +233,20 @@ def happening(monkeypatch: pytest.MonkeyPatch, *steps: Callable[[], object]) -> 
     left = iter(steps)
     monkeypatch.setattr(capture, "pause", lambda seconds: next(left, lambda: None)())
     monkeypatch.setattr(capture, "SILENT_S", 0.05)
+
+
+@pytest.mark.parametrize("faulty_before", [True, False])
+def test_it_does_not_wait_for_the_end_of_a_fault(
+        played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch, faulty_before: bool) -> None:
+    if faulty_before:
+        played.events.operating_state("FAULT", "FAULT", False, False)
+        played.events.status("PSM1: something else", "PSM1")
+    played.show_arm(0.0)
+    states = "FAULT", "DISABLED"
+    happening(monkeypatch, *(lambda state=state: played.events.operating_state(state, state, False, False)
+                             for state in states))
+    with opened(played, "fault PSM1") as capturing:
+        assert (capturing.wait(1.0, 0.0, 0.1) is None) == faulty_before
 
 
 RESTARTS = "supervisor/state.restarts[1]"  # written on change
