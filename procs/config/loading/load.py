@@ -18,7 +18,7 @@ from trocar.procs.config.loading.carts import load_carts, with_base_frames, with
 from trocar.procs.config.loading.chains import KINEMATIC, KINEMATIC_IO
 from trocar.procs.config.loading.components import warn_of_components
 from trocar.procs.config.loading.consoles import load_consoles, load_third_parties
-from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.loading.context import NO_FOLDER, Context, Opened
 from trocar.procs.config.loading.emulated import build_emulation, default_addresses, ports_of, setup_joints_of
 from trocar.procs.config.loading.overrides import SECTION, apply_overrides, with_named_processes
 from trocar.procs.config.loading.processes import Core, build_processes, placement
@@ -26,7 +26,7 @@ from trocar.procs.config.loading.user_code import load_user_processes, with_task
 from trocar.procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
 from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem
-from trocar.procs.config.read.search import SearchPath, expanded, search_beside, search_path
+from trocar.procs.config.read.search import SearchPath, expanded, search_path
 from trocar.procs.config.read.validate import is_name, validate
 from trocar.procs.document import system as document
 from trocar.procs.machine.paths import PROJECT_CONFIGS, is_folder
@@ -64,7 +64,7 @@ def load_system(
     `cores`: the processors of each core of this machine, to place processes on them; `records`: whether there is a
     recorder by default.
     """
-    context = Context(search_beside([Path(path)], search, configs))
+    context = Context.beside([Path(path)], search, configs)
     read = context.read(Path(path))
     system = _opened(read, boards, sets) if read is not None else None
     made = _load(system, name, bus_address, cores, records) if system is not None else None
@@ -187,7 +187,7 @@ def _with_settings(system: SystemFiles) -> SearchPath:
         given = expanded(text)
         hits = [folder for folder in (given, beside / given) if is_folder(folder)]
         if not hits:
-            system.warning(("settings", "path", index), "no such folder", "a folder")
+            system.error(("settings", "path", index), *NO_FOLDER)
         more += hits
     at = 2 if len(folders) > 1 and folders[1].resolve() == beside.resolve() else 1
     return search_path((*folders[:at], *more, *folders[at:]))
