@@ -13,6 +13,7 @@ import typer
 
 from trocar.procs.config import load_system
 from trocar.procs.document.system import SystemConfig, from_json
+from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.system_time import WALL
@@ -62,6 +63,7 @@ def boards_of(document: SystemConfig) -> str:
     return "real" if document.emulation is None else "emulated"
 
 
+@ended_as_by_ctrl_c()
 def commission(
     file: Annotated[Path, typer.Argument(metavar="SYSTEM", help="System file.")],
     boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse it without hardware.")] = "",
@@ -167,8 +169,11 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                 bench, clock = stack.enter_context(_running(job, needed)), needed
             note(f"\n== {row.name}: {row.text}; stops at: {row.stops}")
             begin_ns = monotonic_ns()
-            outcome = _tried(row, job, bench, book.path.parent)
-            tried = book.add(row.name, outcome, (monotonic_ns() - begin_ns) * 1e-9, job.boards, files)
+            outcome = Outcome([Finding(f"stage {row.name}", "interrupted", "until its end", "run it again")])
+            try:
+                outcome = _tried(row, job, bench, book.path.parent)
+            finally:
+                tried = book.add(row.name, outcome, (monotonic_ns() - begin_ns) * 1e-9, job.boards, files)
             for text in outcome.notes:
                 note(f"note: {text}")
             if as_json:

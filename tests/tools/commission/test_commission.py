@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -249,11 +250,15 @@ def test_a_rehearsal_is_easy_on_the_machine_unless_it_is_told_otherwise(kinemati
     assert {"processes.IO1.late_s=0.5", "processes.PSM1.late_s=0.5"} <= set(sets)
 
 
-def test_ctrl_c_ends_it_without_a_trace(kinematic, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("pressed", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_try_is_recorded(kinematic, monkeypatch: pytest.MonkeyPatch, pressed: signal.Signals) -> None:
     def interrupted(*_: object) -> Outcome:
-        raise KeyboardInterrupt
+        signal.raise_signal(pressed)
+        raise AssertionError
 
     monkeypatch.setattr(verb, "_tried", interrupted)
     ended = _run()
     assert ended.exit_code == 1
     assert "stopped by Ctrl-C; everything is off" in ended.output
+    (tried,) = json.loads(Path("commission-demo.json").read_text())["tries"]
+    assert not tried["passed"] and "interrupted" in tried["problems"][0]
