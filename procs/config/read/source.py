@@ -10,6 +10,7 @@ from pathlib import Path
 from trocar.procs.config.read.jsontext import Parsed, TextError, parse_json
 from trocar.procs.config.read.problem import WARNING, FileProblem, KeyPath, key_text, value_text
 from trocar.procs.config.read.yamltext import parse_yaml
+from trocar.procs.machine.paths import dangling
 
 _YAML = (".yaml", ".yml")
 _LARGEST = 4_000_000  # bytes; the largest known file, a potentiometer table, has 0.5 MB
@@ -87,7 +88,8 @@ def read_bytes(path: Path) -> tuple[bytes, FileProblem | None]:
             return b"", FileProblem(str(path), 0, "", "", text, f"at most {_LARGEST}")
         return path.read_bytes(), None
     except OSError as bad:
-        return b"", FileProblem(str(path), 0, "", "", f"cannot be read: {bad.strerror or bad}")
+        why = dangling(path) if isinstance(bad, FileNotFoundError) and path.is_symlink() else bad.strerror or str(bad)
+        return b"", FileProblem(str(path), 0, "", "", f"cannot be read: {why}")
 
 
 def read_source(path: Path) -> tuple[SourceFile | None, list[FileProblem]]:
