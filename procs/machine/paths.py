@@ -101,7 +101,7 @@ def not_found(path: Path, search: Sequence[Path] | None = None, configs: Path = 
 
 def dangling(link: Path) -> str:
     """The message for a symbolic link to a file that does not exist."""
-    return f"a link to {os.readlink(link)}, which does not exist"
+    return f"a link to {link.readlink()}, which does not exist"
 
 
 def _folders(search: Sequence[Path], configs: Path) -> tuple[Path, ...]:

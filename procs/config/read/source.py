@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -101,7 +102,11 @@ def read_source(path: Path) -> tuple[SourceFile | None, list[FileProblem]]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as bad:
-        return None, [FileProblem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
+        is_utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        why = "this is UTF-16" if is_utf_16 else f"{bad.reason} at byte {bad.start}"
+        return None, [FileProblem(name, 0, "", "", f"not UTF-8 text: {why}")]
+    if not text.strip():
+        return None, [FileProblem(name, 0, "", "", "the file is empty")]
     if text.lstrip().startswith("<"):
         allowed = f"JSON or YAML; trocar convert {path} makes one of it"
         return None, [FileProblem(name, 1, "", "", "this is XML, as before dVRK 2.4, which is not read", allowed)]

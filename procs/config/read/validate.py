@@ -171,7 +171,8 @@ def _problem(model: type[BaseModel], source: SourceFile, key: KeyPath, error: An
     if kind == "finite_number":
         return source.problem(where, "not a finite number", allowed=allowed)
     if kind == "literal_error":
-        return source.problem(where, _unlike(annotation, error["input"]), allowed=allowed)
+        text = "another kind of file" if inner == ("$id",) else _unlike(annotation, error["input"])
+        return source.problem(where, text, allowed=allowed)
     if kind.endswith("_type"):
         return source.problem(where, _wrong_type(annotation is str, error["input"]), allowed=allowed)
     return source.problem(where, "not allowed" if kind.startswith("string") else "out of range", allowed=allowed)
@@ -322,7 +323,7 @@ def _unknown(source: SourceFile, key: KeyPath, known: Mapping[str, FieldInfo], s
     else:
         text = f"{_UNKNOWN}, ignored"
     inside = next((inner for inner, field in known.items() if name in _inner(field)), "")
-    if inside:
+    if inside and not (meant and slip):
         text += f"; it belongs in {inside}"
     elif meant:
         text += f'; did you mean "{meant}"?' + (" Its default would be used unnoticed" if unnoticed else "")
