@@ -26,7 +26,7 @@ from trocar.tools.commission.stages import NAMES, STAGES, CommissionStage
 from trocar.tools.commission.subject import subjects_of
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, note, table, tell
-from trocar.tools.systems.find import supervisor_of, system_file
+from trocar.tools.systems.find import supervisor_of, system_file, unknown
 from trocar.tools.systems.processes import commissioning
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 from trocar.tools.verbs.options import JsonOption
@@ -90,8 +90,11 @@ def commission(
         request = dataclasses.replace(request, sets=(*_eased(document), *request.sets))
     if stage and stage not in NAMES:
         raise Misuse(f"no stage {stage}; there are {', '.join(NAMES)}")
-    if not subjects_of(document, arm):
-        raise Problem(f"{file}: no robot on boards{' of ' + ', '.join(arm) if arm else ''} to commission")
+    there = [subject.arm for subject in subjects_of(document) if subject.arm]
+    if not there:
+        raise Problem(f"{file}: no robot on boards to commission")
+    if absent := next((name for name in arm or () if name not in there), None):
+        raise unknown("arm on boards", absent, there)
     if write and document.emulation is not None:
         raise Misuse("--write is for a real robot: a rehearsal measures the emulated robot, not yours")
     if yes and document.emulation is None:

@@ -233,7 +233,11 @@ def test_a_system_without_boards_has_nothing_to_commission(kinematic) -> None:
     refused = _run(file=PROJECT_CONFIGS / "systems" / "kinematic.yaml")
     assert refused.exit_code == 1
     assert "no robot on boards" in refused.output
-    assert "no robot on boards of ECM" in _run("--arm", "ECM").output
+
+
+def test_an_arm_that_is_not_there_is_refused_with_those_that_are(kinematic) -> None:
+    refused = _run("--arm", "PSM1", "--arm", "ECM")
+    assert refused.exit_code == 1 and "no arm on boards ECM" in refused.output and "PSM1" in refused.output
 
 
 def test_without_a_terminal_a_person_cannot_be_asked_and_nothing_starts(kinematic) -> None:
