@@ -12,8 +12,8 @@ REVOLUTE: Final = "REVOLUTE"
 PRISMATIC: Final = "PRISMATIC"
 FRAME: Final = "FRAME"
 _DOUBTS: Final = {REVOLUTE: (4.0 * math.pi, "rad", "degrees"), PRISMATIC: (2.0, "m", "mm"), FRAME: (10.0, "m", "mm")}
-"""By joint type, and for frames, which may be across a room: a larger number is in doubt; the unit of files, and that in
-which it may be instead."""
+"""By joint type, and for frames, which may be across a room: a larger number is in doubt; the unit of files, and that
+in which it may be instead."""
 
 
 def check_unit(opened: Opened[object], key: KeyPath, value: float, joint_type: str) -> None:
