@@ -85,11 +85,11 @@ def _opened(read: Opened[None], boards: str | None, sets: Mapping[str, str] | Se
         return None
     source, problems = apply_overrides(with_named_processes(read), sets)
     context.problems += problems
-    content, problems = validate(SystemFile, source)
+    content, problems = validate(SystemFile, source, in_part=True)
     context.problems += problems
     options: TrocarSection | None = TrocarSection()
     if source.has((SECTION,)):
-        options, problems = validate(TrocarSection, source, (SECTION,), unknown=ERROR)
+        options, problems = validate(TrocarSection, source, (SECTION,), unknown=ERROR, in_part=True)
         context.problems += problems
     if content is None or options is None:
         return None
