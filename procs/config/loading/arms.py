@@ -200,7 +200,8 @@ class _ArmLoader:
         if opened is None:
             return None
         content, keys = opened.content, self.keys
-        chain, links, measured = arm_chain(opened), weighing_links(opened, self.family), measured_weight(opened)
+        chain, links = arm_chain(opened), weighing_links(opened, self.family)
+        measured = measured_weight(opened, tuple(dict.fromkeys((keys.name, self.robot_name))), keys.serial)
         if isinstance(content, PsmFile):
             self._check_psm(opened, chain)
         own = self._own_values(opened, robot, gripper)

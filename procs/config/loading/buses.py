@@ -6,6 +6,7 @@ PSM1_arm_clutch, PSM1_dallas.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -145,10 +146,16 @@ def _check_numbers(system: SystemFiles, key: KeyPath, keys: IoKeys) -> None:
 
 
 def inputs_of(bus: BusFiles | None, arm: str, robot: str) -> document.ArmInputs:
-    """The digital inputs of an arm with this robot."""
-    there = {row.name for content in (bus.contents() if bus else ()) for row in content.digital_inputs}
+    """The digital inputs of an arm with this robot; a warning for one whose name is likely misspelt."""
+    there = {row.name: (opened, index) for opened in (bus.opened() if bus else ())
+             for index, row in enumerate(opened.content.digital_inputs)}
     found = {field: next((name for name in _names(arm, robot, end) if name in there), "")
              for field, end in INPUTS.items()}
+    missing = [name for field, end in INPUTS.items() if not found[field] for name in _names(arm, robot, end)]
+    for name, (opened, index) in there.items():
+        own = [meant for meant in missing if name.startswith((f"{arm}_", f"{robot}_")) and name not in found.values()]
+        for meant in difflib.get_close_matches(name, own, n=1, cutoff=0.8):
+            opened.warning(("digital_inputs", index, "name"), f"the arm {arm} has no such input", f"{meant}, if meant")
     return document.ArmInputs(**found)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -69,11 +69,15 @@ def weighing_links(opened: Opened[ArmFile], family: str) -> document.Chain | Non
     return None
 
 
-def measured_weight(opened: Opened[ArmFile]) -> MasterGravityParameters | None:
-    """The parameters in a master's gravity-compensation file; None without such a file, or with errors."""
+def measured_weight(opened: Opened[ArmFile], arms: Collection[str] = (), serial: str = "") -> \
+        MasterGravityParameters | None:
+    """The parameters in a master's gravity-compensation file; None without such a file, or with errors.
+
+    `arms`, `serial`: names and serial number of the master, if known, for a warning if the file is another's.
+    """
     name = opened.content.gravity_compensation if isinstance(opened.content, MtmFile) else ""
     path = opened.find(("gravity_compensation",), name) if name else None
-    return load_master_gravity(opened.context, path) if path is not None else None
+    return load_master_gravity(opened.context, path, arms, serial) if path is not None else None
 
 
 def check_chain(opened: Opened[KinematicFile]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.models.io_file import (
@@ -48,6 +48,9 @@ def check_bus(files: list[IoOpened]) -> None:
     for opened in files:
         for kind, key, name in _names(opened.content):
             _once(opened, key, used, (kind, name), f"{kind} name")
+        for index, row in enumerate(opened.content.digital_inputs):
+            key, bit = ("digital_inputs", index, "bit_id"), (row.board_id, row.bit_id)
+            _once(opened, key, used, ("bit", bit), f"bit {bit[1]} of board {bit[0]}", opened.warning)
         for index, robot in enumerate(opened.content.robots):
             for key, part in parts_of(index, robot):
                 if part.axis_id >= 0:
@@ -75,9 +78,9 @@ def board_ids(content: IoFile) -> dict[int, str]:
 
 
 def _once(opened: IoOpened, key: KeyPath, seen: dict[tuple[object, object], str], item: tuple[object, object],
-          what: str) -> None:
+          what: str, report: Callable[[KeyPath, str, str], None] | None = None) -> None:
     if item in seen:
-        opened.error(key, f"{what} is used twice, first in {seen[item]}", "each only once on a bus")
+        (report or opened.error)(key, f"{what} is used twice, first in {seen[item]}", "each only once on a bus")
     else:
         problem = opened.source.problem(key, "")
         seen[item] = f"{problem.file}:{problem.line}"
@@ -107,6 +110,10 @@ def _check_counts(opened: IoOpened, key: KeyPath, robot: RobotKeys) -> None:
     ):
         if stated != listed:
             opened.error((*key, name), f"the list has {listed} entries", str(listed))
+    for number, actuator in enumerate(robot.actuators):
+        if actuator.actuator_id not in (None, number):
+            here = (*key, "actuators", number, "actuator_id")
+            opened.warning(here, "actuators are used in their order, actuator_id is not consulted", str(number))
 
 
 def _check_axes(opened: IoOpened, index: int, robot: RobotKeys) -> None:
