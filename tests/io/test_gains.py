@@ -78,7 +78,7 @@ def test_a_slip_of_the_decimal_point_is_refused_while_it_runs() -> None:
         changed(ROW, ["p_gain"], [600.0], running=True)
     assert changed(ROW, ["p_gain"], [600.0], running=False).p_gain == 600.0
     assert changed(ROW, ["p_gain", "i_gain"], [60.0, 1.0], running=True).i_gain == 1.0
-    with pytest.raises(ValueError, match="p_gain 0.5 is less than 1/10 of 6; go there in smaller steps"):
+    with pytest.raises(ValueError, match=r"p_gain 0\.5 is less than 1/10 of 6; go there in smaller steps"):
         changed(ROW, ["p_gain"], [0.5], running=True)
     assert changed(ROW, ["p_gain"], [0.5], running=False).p_gain == 0.5
     for value in (0.6, 0.0):  # 0 is not a slip: it switches the term off

@@ -119,7 +119,7 @@ def test_while_a_commissioning_runs_a_system_others_do_not_power_it(
     (("send", "PSM1", "state_command", "disable", "--wait"), ""),
     (("send", "PSM1", "move_jp", "0", "0", "0.1", "0", "0", "0", "--wait"), "trocar send PSM1 hold"),
 ])
-def test_ctrl_c_says_that_the_command_goes_on(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch,
+def test_ctrl_c_says_that_the_command_continues(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch,
                                               words: tuple[str, ...], stop: str) -> None:
     def pressed(seconds: float) -> None:
         raise KeyboardInterrupt
@@ -129,4 +129,4 @@ def test_ctrl_c_says_that_the_command_goes_on(kinematic: ScriptedRobot, monkeypa
         monkeypatch.setattr(module, "pause", pressed)
     result = run(*words, "--system", kinematic.name)
     assert result.exit_code == 130
-    assert "goes on" in result.stderr and (f"; {stop} stops" in result.stderr if stop else ";" not in result.stderr)
+    assert "continues" in result.stderr and (f"; {stop} stops" in result.stderr if stop else ";" not in result.stderr)

@@ -62,4 +62,4 @@ def only_waiting(stops: str) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         how = f": arms may move; {stops} stops them" if stops else ""
-        raise KeyboardInterrupt(f", but the command goes on{how}") from None
+        raise KeyboardInterrupt(f", but the command continues{how}") from None
