@@ -196,8 +196,8 @@ def guarded(function: Callable[..., Any]) -> Callable[..., None]:
                 code = _reported(error, MISUSED)
             except _something_wrong() as error:
                 code = _reported(error, WRONG)
-            except KeyboardInterrupt:
-                code = _reported(KeyboardInterrupt("stopped by Ctrl-C"), INTERRUPTED)
+            except KeyboardInterrupt as stopped:
+                code = _reported(KeyboardInterrupt(f"stopped by Ctrl-C{stopped}"), INTERRUPTED)
         raise typer.Exit(code)
 
     return run

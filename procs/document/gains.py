@@ -13,6 +13,7 @@ from trocar.procs.document.keys import Key, keys_in
 LARGEST_STEP: Final = 10.0  # largest factor while the joint controller is on: more is likely a misplaced decimal point
 LARGEST: Final = 1e6  # far above the gains of any arm, far below an overflow in computations
 STIFF: Final = "too large a value makes the arm shake or jump"
+HOLDS: Final = "too small a value lets the arm sink or swing"
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +22,8 @@ class PidAxis:
 
     name: str
     joint_type: str
-    p_gain: Annotated[float, Key(0.0, LARGEST), STIFF]
-    d_gain: Annotated[float, Key(0.0, LARGEST), STIFF]
+    p_gain: Annotated[float, Key(0.0, LARGEST), STIFF, HOLDS]
+    d_gain: Annotated[float, Key(0.0, LARGEST), STIFF, HOLDS]
     i_gain: Annotated[float, Key(0.0, LARGEST), STIFF]
     p_deadband: Annotated[float, Key(0.0, LARGEST)] = 0.0
     p_deadband_outer: Annotated[float, Key(0.0, LARGEST)] = 0.0
@@ -48,6 +49,7 @@ class Gain:
     above: bool  # `low` itself is not allowed
     switch: bool  # 1 or 0
     stiff: bool  # too large a value makes the arm shake or jump
+    holds: bool  # too small a value lets it sink or swing
 
     def wrong(self, value: float) -> str:
         """The allowed values if `value` is not allowed; otherwise empty."""
@@ -61,7 +63,8 @@ class Gain:
 
 GAINS: Final = tuple(
     Gain(key.name or field.name, field.name, 0.0 if key.low is None else key.low,
-         1.0 if key.high is None else key.high, key.above, hint.__origin__ is bool, STIFF in hint.__metadata__)
+         1.0 if key.high is None else key.high, key.above, hint.__origin__ is bool, STIFF in hint.__metadata__,
+         HOLDS in hint.__metadata__)
     for field, hint, key in keys_in(PidAxis))
 BY_KEY: Final = {gain.key: gain for gain in GAINS}
 
@@ -83,10 +86,22 @@ def leap(before: PidAxis, after: PidAxis) -> str:
     return ""
 
 
+def drop(before: PidAxis, after: PidAxis) -> str:
+    """The first gain that holds the arm and shrinks to less than 1/`LARGEST_STEP` at once; "" if none.
+
+    A gain of 0 is not checked: it switches its term off, which is no misplaced decimal point.
+    """
+    for gain in GAINS:
+        old, new = float(getattr(before, gain.field)), float(getattr(after, gain.field))
+        if gain.holds and 0.0 < LARGEST_STEP * new < old:
+            return f"{gain.key} {new:g} is less than 1/{LARGEST_STEP:g} of {old:g}"
+    return ""
+
+
 def changed(row: PidAxis, keys: Sequence[str], values: Sequence[float], *, running: bool) -> PidAxis:
     """`row` with new `values` for `keys`; ValueError gives the reason and the allowed values.
 
-    While the joint controller is `running`, a `leap` is an error.
+    While the joint controller is `running`, a `leap` or a `drop` is an error.
     """
     new: dict[str, float | bool] = {}
     for key, value in zip(keys, values, strict=True):
@@ -100,6 +115,6 @@ def changed(row: PidAxis, keys: Sequence[str], values: Sequence[float], *, runni
             raise ValueError(f"{key} {value:g}; allowed: {allowed}")
         new[gain.field] = bool(value) if gain.switch else float(value)
     after = dataclasses.replace(row, **new)  # type: ignore[arg-type]  # the table has only numbers and switches
-    if running and (step := leap(row, after)):
+    if running and (step := leap(row, after) or drop(row, after)):
         raise ValueError(f"{step}; go there in smaller steps")
     return after

@@ -88,13 +88,20 @@ def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_
 
 def not_found(path: Path, search: Sequence[Path] | None = None, configs: Path = PROJECT_CONFIGS) -> str:
     """The message for a file that was not found; `search`: folders from `--path`, None without that option."""
+    if path.is_symlink():
+        return dangling(path)
     folders = _folders(search or (), configs)
-    there = {entry.stem: entry.name for folder in folders for entry in _entries(folder / path.parent)}
+    there = {entry.stem: entry.name for folder in folders for entry in _entries(folder / path.parent) if exists(entry)}
     near = difflib.get_close_matches(path.stem, there, n=1, cutoff=0.6)
     hint = f" (did you mean {path.parent / there[near[0]]}?)" if near else ""
     places = dict.fromkeys(str(folder.absolute()) for folder in folders)
     looked = "" if path.is_absolute() else f"; looked in {', '.join(places)}"
     return f"no such file{hint}{looked}{f'; {ADDS_FOLDER}' if looked and search is not None else ''}"
+
+
+def dangling(link: Path) -> str:
+    """The message for a symbolic link to a file that does not exist."""
+    return f"a link to {link.readlink()}, which does not exist"
 
 
 def _folders(search: Sequence[Path], configs: Path) -> tuple[Path, ...]:

@@ -201,3 +201,14 @@ def test_which_of_two_robots_differs_from_its_files_must_be_said(home: Home) -> 
 def test_buses_must_not_disturb_each_other(home: Home, buses: Section, key: str, text: str) -> None:
     loaded = home.load_made({"trocar": {"boards": "emulated", "emulation": {"buses": buses}}})
     assert [problem.key for problem in loaded.errors] == [key] and text in loaded.errors[0].text
+
+
+@pytest.mark.parametrize(("old", "new"), [
+    ("port: udp", "port: udp\n    period: 1.5"), ("boards: emulated", "boards: emulated\n  io: {period_s: 5}")])
+def test_a_number_out_of_range_hides_no_other_mistake(home: Home, old: str, new: str) -> None:
+    home.edit(SYSTEM, "boards: emulated", "boards: emulated\n  emulation: {buses: {IO2: {}}, robots: {PSM2: {}}}\n"
+                                          "  processes: {PSM2: {cpu: 1}}")
+    home.edit(SYSTEM, old, new)
+    texts = " ".join(problem.text for problem in home.load().errors)
+    assert all(text in texts for text in ("out of range", "no IO of this name", "no robot of this name is emulated",
+                                          "no process of this name is started"))

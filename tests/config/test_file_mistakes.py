@@ -53,6 +53,15 @@ def test_a_named_file_that_is_none_is_named(home: Home, name: str) -> None:
                for problem in home.load().errors)
 
 
+def test_a_link_to_nothing_is_told_as_such(home: Home) -> None:
+    link = home.path / "io/link.json"
+    link.symlink_to("moved.json")
+    home.edit(SYSTEM, "io/PSM1-demo.yaml", "io/link.json")
+    (named,) = [problem for problem in home.load().errors if problem.file == str(link)]
+    (given,) = check_file(link).problems
+    assert "a link to moved.json, which does not exist" in named.text == f"cannot be read: {given.text}"
+
+
 def test_console_file_of_old_days_is_refused_plainly(home: Home) -> None:
     (home.path / "console.json").write_text('{"arms": [{"name": "PSM1", "arm": "x.json"}]}')
     (problem,) = home.load("console.json").errors

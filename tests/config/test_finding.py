@@ -15,10 +15,12 @@ import pytest
 
 from trocar.procs.config.loading.context import Context
 from trocar.procs.config.models.gravity_file import LENGTHS, load_master_gravity
+from trocar.procs.config.models.system_file import SystemFile
 from trocar.procs.config.read.matrices import check_invertible, check_rigid, check_size
 from trocar.procs.config.read.problem import WARNING, FileProblem, key_text, value_text
 from trocar.procs.config.read.search import expanded, search_path
 from trocar.procs.config.read.source import SourceFile, read_bytes, read_source
+from trocar.procs.config.read.validate import validate
 
 
 @pytest.fixture
@@ -125,9 +127,15 @@ def test_files_that_are_none_are_told_before_they_are_opened(tmp_path: Path) -> 
     assert read_bytes(exact) == (exact.read_bytes(), None)
 
 
+def test_an_unknown_key_is_a_slip_before_it_is_the_key_of_a_section(tmp_path: Path) -> None:
+    system = SourceFile(tmp_path, {"IO": [], "consoles": []}, {})  # IO is also a key of ISI_focus_controller
+    assert any('did you mean "IOs"?' in problem.text for problem in validate(SystemFile, system)[1])
+
+
 @pytest.mark.parametrize(("name", "text", "said"), [
     ("x.json", b"\xef\xbb\xbf{}", ""), ("x.YML", b"a: 1", ""), ("x.json", b"a: 1", "broken JSON, column 1"),
     ("x.yaml", b"{a", "broken YAML, column 3"), ("x.json", b"\xff", "not UTF-8 text: invalid start byte at byte 0"),
+    ("x.json", "{}".encode("utf-16"), "UTF-16"), ("x.json", b"\n", "the file is empty"), ("x.yaml", b"", "is empty"),
     ("x.xml", b" <a/>", "this is XML"), ("x.json", b"[]", "the document must be an object"),
     ("x.json", b'{"a": 1, "a": 2}', "key occurs twice: the last one counts")])
 def test_what_cannot_be_read_is_said_with_its_line(tmp_path: Path, name: str, text: bytes, said: str) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.config.conftest import SYSTEM, Home
+from trocar.procs.config import check_file
 from trocar.procs.config.loading.emulated import default_addresses
 from trocar.procs.config.read.source import SourceFile
 
@@ -106,6 +107,14 @@ def test_working_folder_comes_first_and_path_before_configs(home: Home, tmp_path
     (tmp_path / "elsewhere/pid/PSM.yaml").unlink()
     system = home.load(search=[other]).system
     assert system is not None and system.ios[0].pids[0].source == str(other / "pid/PSM.yaml")
+
+
+def test_a_folder_of_the_command_line_that_does_not_exist_is_an_error(home: Home) -> None:
+    absent = home.path / "nowhere"
+    problem = home.error(search=[absent])
+    assert (problem.file, problem.value) == ("--path", str(absent))
+    for file in (SYSTEM, "pid/PSM.yaml"):
+        assert problem in check_file(home.path / file, search=[absent], configs=home.path).problems
 
 
 def test_settings_path_is_meant_from_the_system_file(home: Home) -> None:

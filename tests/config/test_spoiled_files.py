@@ -166,7 +166,7 @@ INVERSE = 1 / 5242.88
 
 
 @pytest.mark.parametrize(("data", "said"), [
-    (changed(f"{LIMITS}.lower", 1.0), ""), (changed(f"{LIMITS}.lower", 1.0001), "above the upper limit"),
+    (changed(f"{LIMITS}.lower", 1.0), "no range"), (changed(f"{LIMITS}.lower", 1.0001), "above the upper limit"),
     (changed(SCALE, INVERSE * 1.0499), ""), (changed(SCALE, INVERSE * 1.0501), "is not the inverse"),
     (changed(SCALE, INVERSE * 0.9501), ""), (changed(SCALE, INVERSE * 0.9499), "is not the inverse"),
     (changed(SCALE, 0.0), "must have the sign"), (changed(SCALE, -INVERSE), "must have the sign"),

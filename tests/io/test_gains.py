@@ -79,6 +79,16 @@ def test_a_slip_of_the_decimal_point_is_refused_while_it_runs() -> None:
         changed(ROW, ["p_gain"], [600.0], running=True)
     assert changed(ROW, ["p_gain"], [600.0], running=False).p_gain == 600.0
     assert changed(ROW, ["p_gain", "i_gain"], [60.0, 1.0], running=True).i_gain == 1.0
+    with pytest.raises(ValueError, match=r"p_gain 0\.5 is less than 1/10 of 6; go there in smaller steps"):
+        changed(ROW, ["p_gain"], [0.5], running=True)
+    assert changed(ROW, ["p_gain"], [0.5], running=False).p_gain == 0.5
+    for value in (0.6, 0.0):  # 0 is not a slip: it switches the term off
+        assert changed(ROW, ["p_gain"], [value], running=True).p_gain == value
+
+
+def test_what_makes_an_arm_shake_less_is_lowered_at_once() -> None:
+    stiff = changed(ROW, ["i_gain"], [5.0], running=False)
+    assert changed(stiff, ["i_gain"], [0.01], running=True).i_gain == 0.01
 
 
 @given(st.sampled_from(GAINS), st.floats(allow_nan=True, allow_infinity=True))

@@ -259,5 +259,6 @@ def test_broken_files_of_a_folder_have_failed_as_they_do_alone(tmp_path: Path) -
         written(old, text, name)
     done = run(old, "--to", new)
     assert done.exit_code == 1 and "1 copied, 3 failed" in done.stdout, done.stdout
+    assert re.search(r"other\.xml:1: warning: .*not converted", done.stdout)
     assert [path.name for path in new.iterdir()] == ["other.xml"]
     assert all(run(old / name).exit_code == 1 for name in ("a.json", "b.xml", "pid.xml"))

@@ -45,7 +45,7 @@ def test_a_machine_on_which_nothing_is_compiled_is_noted_with_what_helps() -> No
 def test_rights_that_are_lacking_come_with_the_file_that_grants_them(words: str, state: str, reported: str) -> None:
     found = machine.rights(words)
     assert found.state == state and reported in found.found
-    assert ("/etc/security/limits.d/trocar.conf" in found.mend and "rtprio 98" in found.mend) == (state == BAD)
+    assert ("tee -a /etc/security/limits.d/trocar.conf" in found.mend and "rtprio 98" in found.mend) == (state == BAD)
 
 
 @pytest.mark.parametrize(("count", "state"), [(1, BAD), (2, NOTE), (4, OK)])

@@ -12,6 +12,7 @@ from tests.tools.test_verbs import kinematic as kinematic  # a fixture
 from tests.tools.test_verbs import lines, run
 from trocar.procs.tables import codes
 from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client import bring_up, remote
 from trocar.tools.systems.processes import ParentProcess
 
 
@@ -110,3 +111,22 @@ def test_while_a_commissioning_runs_a_system_others_do_not_power_it(
             refused = run(verb, "--system", kinematic.name)
             assert refused.exit_code == 1 and "trocar commission (pid 4711) drives" in refused.output
     assert "trocar commission" not in run("power-off", "--timeout", "0.1", "--system", kinematic.name).output
+
+
+@pytest.mark.parametrize(("words", "stop"), [
+    (("home", "PSM1"), "trocar power-off PSM1"), (("power-on",), "trocar power-off"), (("power-off",), ""),
+    (("send", "PSM1", "state_command", "home", "--wait"), "trocar power-off"),
+    (("send", "PSM1", "state_command", "disable", "--wait"), ""),
+    (("send", "PSM1", "move_jp", "0", "0", "0.1", "0", "0", "0", "--wait"), "trocar send PSM1 hold"),
+])
+def test_ctrl_c_says_that_the_command_continues(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch,
+                                              words: tuple[str, ...], stop: str) -> None:
+    def pressed(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    kinematic.show_arm(state="ENABLED")
+    for module in (bring_up, remote):
+        monkeypatch.setattr(module, "pause", pressed)
+    result = run(*words, "--system", kinematic.name)
+    assert result.exit_code == 130
+    assert "continues" in result.stderr and (f"; {stop} stops" in result.stderr if stop else ";" not in result.stderr)

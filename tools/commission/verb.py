@@ -13,6 +13,7 @@ import typer
 
 from trocar.procs.config import load_system
 from trocar.procs.document.system import SystemConfig, from_json
+from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.system_time import WALL
@@ -25,7 +26,7 @@ from trocar.tools.commission.stages import NAMES, STAGES, CommissionStage
 from trocar.tools.commission.subject import subjects_of
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, note, table, tell
-from trocar.tools.systems.find import supervisor_of, system_file
+from trocar.tools.systems.find import supervisor_of, system_file, unknown
 from trocar.tools.systems.processes import commissioning
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 from trocar.tools.verbs.options import JsonOption
@@ -62,6 +63,7 @@ def boards_of(document: SystemConfig) -> str:
     return "real" if document.emulation is None else "emulated"
 
 
+@ended_as_by_ctrl_c()
 def commission(
     file: Annotated[Path, typer.Argument(metavar="SYSTEM", help="System file.")],
     boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse it without hardware.")] = "",
@@ -88,8 +90,11 @@ def commission(
         request = dataclasses.replace(request, sets=(*_eased(document), *request.sets))
     if stage and stage not in NAMES:
         raise Misuse(f"no stage {stage}; there are {', '.join(NAMES)}")
-    if not subjects_of(document, arm):
-        raise Problem(f"{file}: no robot on boards{' of ' + ', '.join(arm) if arm else ''} to commission")
+    there = [subject.arm for subject in subjects_of(document) if subject.arm]
+    if not there:
+        raise Problem(f"{file}: no robot on boards to commission")
+    if absent := next((name for name in arm or () if name not in there), None):
+        raise unknown("arm on boards", absent, there)
     if write and document.emulation is not None:
         raise Misuse("--write is for a real robot: a rehearsal measures the emulated robot, not yours")
     if yes and document.emulation is None:
@@ -167,8 +172,11 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                 bench, clock = stack.enter_context(_running(job, needed)), needed
             note(f"\n== {row.name}: {row.text}; stops at: {row.stops}")
             begin_ns = monotonic_ns()
-            outcome = _tried(row, job, bench, book.path.parent)
-            tried = book.add(row.name, outcome, (monotonic_ns() - begin_ns) * 1e-9, job.boards, files)
+            outcome = Outcome([Finding(f"stage {row.name}", "interrupted", "until its end", "run it again")])
+            try:
+                outcome = _tried(row, job, bench, book.path.parent)
+            finally:
+                tried = book.add(row.name, outcome, (monotonic_ns() - begin_ns) * 1e-9, job.boards, files)
             for text in outcome.notes:
                 note(f"note: {text}")
             if as_json:

@@ -197,9 +197,11 @@ def _read(file: Path, folder: Path, found: bool) -> Result | None:
         return Result(file, folder, data, _NOTHING, left_out=found, problems=[told])
     converted = convert_file(str(file), data) if maybe_old else _NOTHING
     copies = converted.kind == TODAY or (found and converted.kind == OTHER)
-    if found and stays and converted.kind in (OTHER, TODAY):
+    is_strange = copies and file.suffix.lower() == ".xml"
+    if found and stays and copies and not is_strange:
         return None
-    problems = () if copies else converted.problems
+    problems = [replace(problem, text=f"not converted: {problem.text}", severity=WARNING)
+                for problem in converted.problems] if is_strange else () if copies else converted.problems
     return Result(file, folder, data, converted, copies, problems=list(problems))
 
 

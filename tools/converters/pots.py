@@ -40,7 +40,7 @@ def potentiometers(robot: Element, types: list[str], axes: int, format_version: 
             block.report.error(block.line, block.key("Position"), place[1], "unknown word", ", ".join(_PLACES))
         elif place is not None:
             on_joints = _PLACES[place[1]]
-            why = "a matrix JointToActuatorPosition says that they are on joints"
+            why = f"in the new file {'a' if on_joints else 'no'} matrix JointToActuatorPosition says so"
             block.report.dropped(block.line, block.key("Position"), place[1], why)
         tolerances = _tolerances(block, types, axes, format_version)
         if tolerances:

@@ -100,7 +100,7 @@ def rights(words: str) -> MachineFinding:
     if not lacking:
         return MachineFinding("rights", OK, words)
     lines = " ".join(f"'{line}'" for line in limits_lines(user()))
-    mend = f"printf '%s\\n' {lines} | sudo tee {LIMITS_FILE}    # then log in again; systemd: {SYSTEMD}"
+    mend = f"printf '%s\\n' {lines} | sudo tee -a {LIMITS_FILE}    # then log in again; systemd: {SYSTEMD}"
     return MachineFinding("rights", BAD, f"{' and '.join(lacking)} for {user()}", mend)
 
 

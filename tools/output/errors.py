@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from typing import Any, NoReturn
 
 
@@ -51,3 +53,13 @@ class _Closed:
 
     def __getattr__(self, name: str) -> NoReturn:
         raise Disconnected(f"{self._what} is closed; make it again")
+
+
+@contextlib.contextmanager
+def only_waiting(stops: str) -> Iterator[None]:
+    """Ctrl-C ends only the wait for a command, and the line that reports it says so; `stops`: what stops it, or ""."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        how = f": arms may move; {stops} stops them" if stops else ""
+        raise KeyboardInterrupt(f", but the command continues{how}") from None

@@ -148,8 +148,8 @@ class Capturing(Closable):
                 self._trigger.begin(topic, window.newest_before(begun_ns))
             while True:
                 for topic, window in self._windows.items():
-                    records = window.collect(kept_ns)
-                    self._trigger.take(topic, records[records["stamp_ns"] >= begun_ns])
+                    records = window.collect(kept_ns if window.rate_hz else 0)  # earlier events: a fault before
+                    self._trigger.take(topic, records, begun_ns)
                 stamps, flags = self._trigger.look(time.now_ns())
                 if flags.any():
                     moment_ns = int(stamps[np.argmax(flags)])

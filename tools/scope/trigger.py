@@ -71,8 +71,7 @@ def _number(leaf: Comparison, cells: FieldCells) -> float:
 def event_test(leaf: EventSeen | FaultSeen, words: Sequence[str]) -> Test:
     """A function that tests each event for a match; `words` are those except the name of the owner."""
     if isinstance(leaf, FaultSeen):
-        return lambda rows: (((rows["event"] == b"operating_state") & (rows["state"] == b"FAULT"))
-                             | ((rows["severity"] == ERROR) & np.isin(rows["code"], IO_FAULTS)))
+        return _FaultBegins()
     wanted = [word.encode() for word in words]
     severities = [SEVERITIES.index(word) if word in SEVERITIES[1:] else -1 for word in words]
 
@@ -89,6 +88,21 @@ def event_test(leaf: EventSeen | FaultSeen, words: Sequence[str]) -> Test:
 
 
 @dataclass(slots=True)
+class _FaultBegins:
+    """Test of the events of one process, called with all of them in order: in FAULT it repeats its state."""
+
+    in_fault: bool = False
+
+    def __call__(self, rows: NDArray[Any]) -> Flags:
+        begins: Flags = (rows["severity"] == ERROR) & np.isin(rows["code"], IO_FAULTS)
+        states = np.flatnonzero(rows["event"] == b"operating_state")
+        faulty = np.append(self.in_fault, rows["state"][states] == b"FAULT")
+        begins[states] |= faulty[1:] & ~faulty[:-1]
+        self.in_fault = bool(faulty[-1])
+        return begins
+
+
+@dataclass(slots=True)
 class _LeafState:
     """State of a leaf: unused stamps and values of its evaluation, and the value before."""
 
@@ -98,10 +112,11 @@ class _LeafState:
     flags: list[Flags] = field(default_factory=list)
     before: bool = False
 
-    def take(self, topic: str, records: NDArray[Any]) -> None:
+    def take(self, topic: str, records: NDArray[Any], from_ns: int) -> None:
         if topic in self.tests and len(records):
-            self.stamps.append(records["stamp_ns"].astype(np.int64))
-            self.flags.append(self.tests[topic](records))
+            flags, stamps = self.tests[topic](records), records["stamp_ns"].astype(np.int64)
+            self.stamps.append(stamps[stamps >= from_ns])
+            self.flags.append(flags[stamps >= from_ns])
 
     def sorted(self) -> tuple[Stamps, Flags]:
         if not self.stamps:
@@ -121,10 +136,10 @@ class Trigger:
         self._leaves = [_LeafState(not isinstance(leaf, Comparison), dict(made)) for leaf, made in tests]
         self._newest = {topic: 0 for topic, rate in rates.items() if rate > 0.0}
 
-    def take(self, topic: str, records: NDArray[Any]) -> None:
-        """New records of a ring."""
+    def take(self, topic: str, records: NDArray[Any], from_ns: int = 0) -> None:
+        """New records of a ring; those before `from_ns` are no triggers themselves."""
         for leaf in self._leaves:
-            leaf.take(topic, records)
+            leaf.take(topic, records, from_ns)
         if len(records) and topic in self._newest:
             self._newest[topic] = int(records["stamp_ns"][-1])
 

@@ -9,7 +9,7 @@ import typer
 from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.tools.client.bring_up import bring
 from trocar.tools.inspect.watch import powered_names
-from trocar.tools.output.errors import Problem
+from trocar.tools.output.errors import Problem, only_waiting
 from trocar.tools.output.printing import emit, note, progress, table
 from trocar.tools.systems.find import chosen_system, supervisor_of
 from trocar.tools.systems.processes import commissioning
@@ -63,7 +63,8 @@ def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, syst
     names = powered_names(name, arms)
     if not names:
         raise Problem(f"system {name} has no arms")
-    with progress(f"{goal}…") as say:
+    stops = " ".join(("trocar power-off", *(arms or ()))) if goal != DISABLED else ""
+    with only_waiting(stops), progress(f"{goal}…") as say:
         problems = bring(name, names, goal, timeout, say, note)
     if as_json:
         emit(*({"arm": arm, "goal": goal, "done": not problem, "problem": problem or None}

@@ -6,11 +6,11 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from trocar.shm.mailbox.command_row import of_type, row_of
+from trocar.shm.mailbox.command_row import MOTION, of_type, row_of
 from trocar.shm.memory.segment import names_of
 from trocar.tools.client.remote import Remote
 from trocar.tools.inspect.watch import arm_type, document_of
-from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.errors import Misuse, Problem, only_waiting
 from trocar.tools.output.printing import emit, table, tell
 from trocar.tools.systems.find import chosen_system, unknown
 from trocar.tools.verbs.options import JsonOption, SystemOption
@@ -55,12 +55,15 @@ def send(
         if known[command].get("text") and not text and "" not in (arguments or []) and _is_users(name, component):
             raise Misuse(f"{command} takes {_takes(known[command])}; no text was given ('': an empty one)")
         limit = timeout or (60.0 if wait else 2.0)
-        reply = remote.settled(command, values, text, limit) if wait else remote.answered(command, values, text, limit)
+        row = row_of(known[command])
+        stops = f"trocar send {component} hold" if row.move else "trocar power-off"
+        with only_waiting(stops if row.effect_for(text, values) >= MOTION else ""):
+            ask = remote.settled if wait else remote.answered
+            reply = ask(command, values, text, limit)
     good = reply.outcome in ("accepted", "done")
     if as_json:
         emit({"component": component, "command": command, "outcome": reply.outcome, "text": reply.text})
     elif good:
-        row = row_of(known[command])
         colon = ", " if row.move or row.stream else ": "  # done, clipped: insertion 5.000 → 0.240 m
         tell(reply.outcome + (f"{colon}{reply.text}" if reply.text else ""))
     else:

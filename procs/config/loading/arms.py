@@ -18,6 +18,7 @@ from trocar.procs.config.loading.chains import (
 )
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.loading.instruments import psm_tools
+from trocar.procs.config.loading.io_checks import range_of
 from trocar.procs.config.loading.user_code import DERIVED, derived_class, derived_commands
 from trocar.procs.config.models.arm_file import ArmFile, MtmFile, PsmFile
 from trocar.procs.config.models.io_file import IoFile, RobotKeys
@@ -25,6 +26,7 @@ from trocar.procs.config.models.pid_file import PidFile
 from trocar.procs.config.models.system_file import ArmKeys
 from trocar.procs.config.read.matrices import check_rigid
 from trocar.procs.config.read.problem import KeyPath
+from trocar.procs.config.read.units import check_tolerance
 from trocar.procs.document import system as document
 from trocar.procs.tables.arm_types import ARM_TYPES, ArmType, class_of
 
@@ -102,8 +104,13 @@ def check_pid(opened: Opened[PidFile], robot: RobotKeys | None) -> None:
         names.add(axis.name)
         if not opened.source.has((*key, "pid_max_output")):
             opened.warning((*key, "pid_max_output"), "absent: 0 is used, which means no effort", "-1: no limit")
-        if robot is not None and number < len(robot.actuators):
-            joint_type = robot.actuators[number].joint_type
+        actuator = robot.actuators[number] if robot is not None and number < len(robot.actuators) else None
+        where, tolerance = (*key, "p_measured_setpoint_tolerance"), float(axis.model_dump()["tolerance"])
+        if tolerance == 0.0:
+            opened.warning(where, "0: the smallest error is a fault", "above 0, rad or m")
+        check_tolerance(opened, where, tolerance, axis.type, range_of(actuator) if actuator is not None else 0.0)
+        if robot is not None and actuator is not None:
+            joint_type = actuator.joint_type
             if axis.type != joint_type:
                 text = f"actuator {number} of robot {robot.name} is {joint_type}"
                 opened.error((*key, "type"), text, joint_type)
@@ -193,7 +200,8 @@ class _ArmLoader:
         if opened is None:
             return None
         content, keys = opened.content, self.keys
-        chain, links, measured = arm_chain(opened), weighing_links(opened, self.family), measured_weight(opened)
+        chain, links = arm_chain(opened), weighing_links(opened, self.family)
+        measured = measured_weight(opened, tuple(dict.fromkeys((keys.name, self.robot_name))), keys.serial)
         if isinstance(content, PsmFile):
             self._check_psm(opened, chain)
         own = self._own_values(opened, robot, gripper)

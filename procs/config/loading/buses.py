@@ -6,6 +6,7 @@ PSM1_arm_clutch, PSM1_dallas.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +22,6 @@ from trocar.procs.document import system as document
 from trocar.procs.fpga.port_name import PortName, PortNameError
 
 MAX_PERIOD_S = 0.001
-MAX_WATCHDOG_S = 0.3
 
 INPUTS = {
     "clutch": "arm_clutch",
@@ -140,24 +140,22 @@ def _check_numbers(system: SystemFiles, key: KeyPath, keys: IoKeys) -> None:
     if keys.period > MAX_PERIOD_S:
         text = "slow: gains and safety checks are made for 1 ms or less"
         system.warning((*key, "period"), text, f"up to {MAX_PERIOD_S} s")
-    watchdog = keys.watchdog_timeout
-    if watchdog > MAX_WATCHDOG_S:
-        system.warning((*key, "watchdog_timeout"), f"{MAX_WATCHDOG_S} s is used instead", f"up to {MAX_WATCHDOG_S} s")
-    if watchdog <= 0.0:
+    if keys.watchdog_timeout <= 0.0:
         text = "the watchdog of the boards is off: motors stay powered when this computer dies"
-        system.warning((*key, "watchdog_timeout"), text, f"above 0, up to {MAX_WATCHDOG_S} s")
-
-
-def watchdog_s(keys: IoKeys) -> float:
-    """The watchdog time to write to the boards; 0: off."""
-    return min(max(keys.watchdog_timeout, 0.0), MAX_WATCHDOG_S)
+        system.warning((*key, "watchdog_timeout"), text, "above 0, up to 0.3 s")
 
 
 def inputs_of(bus: BusFiles | None, arm: str, robot: str) -> document.ArmInputs:
-    """The digital inputs of an arm with this robot."""
-    there = {row.name for content in (bus.contents() if bus else ()) for row in content.digital_inputs}
+    """The digital inputs of an arm with this robot; a warning for one whose name is likely misspelt."""
+    there = {row.name: (opened, index) for opened in (bus.opened() if bus else ())
+             for index, row in enumerate(opened.content.digital_inputs)}
     found = {field: next((name for name in _names(arm, robot, end) if name in there), "")
              for field, end in INPUTS.items()}
+    missing = [name for field, end in INPUTS.items() if not found[field] for name in _names(arm, robot, end)]
+    for name, (opened, index) in there.items():
+        own = [meant for meant in missing if name.startswith((f"{arm}_", f"{robot}_")) and name not in found.values()]
+        for meant in difflib.get_close_matches(name, own, n=1, cutoff=0.8):
+            opened.warning(("digital_inputs", index, "name"), f"the arm {arm} has no such input", f"{meant}, if meant")
     return document.ArmInputs(**found)
 
 

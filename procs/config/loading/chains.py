@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -23,6 +23,7 @@ from trocar.procs.config.models.gravity_file import load_master_gravity
 from trocar.procs.config.models.kinematic_file import DhKeys, KinematicFile, ToolFile
 from trocar.procs.config.read.matrices import check_invertible, check_rigid
 from trocar.procs.config.read.problem import KeyPath
+from trocar.procs.config.read.units import PRISMATIC, REVOLUTE, check_range, check_unit
 from trocar.procs.document import system as document
 from trocar.procs.document.arms import MasterGravityParameters
 from trocar.procs.tables.arm_types import ARM_TYPES
@@ -68,11 +69,15 @@ def weighing_links(opened: Opened[ArmFile], family: str) -> document.Chain | Non
     return None
 
 
-def measured_weight(opened: Opened[ArmFile]) -> MasterGravityParameters | None:
-    """The parameters in a master's gravity-compensation file; None without such a file, or with errors."""
+def measured_weight(opened: Opened[ArmFile], arms: Collection[str] = (), serial: str = "") -> \
+        MasterGravityParameters | None:
+    """The parameters in a master's gravity-compensation file; None without such a file, or with errors.
+
+    `arms`, `serial`: names and serial number of the master, if known, for a warning if the file is another's.
+    """
     name = opened.content.gravity_compensation if isinstance(opened.content, MtmFile) else ""
     path = opened.find(("gravity_compensation",), name) if name else None
-    return load_master_gravity(opened.context, path) if path is not None else None
+    return load_master_gravity(opened.context, path, arms, serial) if path is not None else None
 
 
 def check_chain(opened: Opened[KinematicFile]) -> bool:
@@ -106,6 +111,7 @@ def check_tool(opened: Opened[ToolFile]) -> bool:
     if content.jaw.qmin > content.jaw.qmax:
         opened.error(("jaw", "qmin"), "above qmax", f"at most {content.jaw.qmax}")
         fine = False
+    check_range(opened, ("jaw", "qmax"), content.jaw.qmin, content.jaw.qmax, REVOLUTE)
     for name in ("lower", "upper"):
         count = len(getattr(content.tool_engage_position, name))
         if count != ENGAGED_AXES:
@@ -137,6 +143,10 @@ def check_dh(opened: Opened[object], where: KeyPath, keys: DhKeys) -> bool:
         if row.qmin > row.qmax:
             opened.error((*key, "qmin"), "above qmax", f"at most {row.qmax}")
             fine = False
+        for name, joint_type in (("alpha", REVOLUTE), ("A", PRISMATIC), ("theta", REVOLUTE), ("D", PRISMATIC),
+                                 ("offset", row.type)):
+            check_unit(opened, (*key, name), getattr(row, name), joint_type)
+        check_range(opened, (*key, "qmax"), row.qmin, row.qmax, row.type)
     return fine
 
 

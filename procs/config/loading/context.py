@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Generic, TypeVar
@@ -9,13 +10,15 @@ from typing import Final, Generic, TypeVar
 from pydantic import BaseModel
 
 from trocar.procs.config.read.problem import WARNING, FileProblem, KeyPath
-from trocar.procs.config.read.search import SearchPath
+from trocar.procs.config.read.search import SearchPath, search_beside
 from trocar.procs.config.read.source import SourceFile, read_source
 from trocar.procs.config.read.validate import validate
 from trocar.procs.document import system as document
-from trocar.procs.machine.paths import ADDS_FOLDER
+from trocar.procs.machine.paths import ADDS_FOLDER, is_folder
 
 ADDED: Final = f"{ADDS_FOLDER}, for stock files the dVRK's sawIntuitiveResearchKit/share"
+NO_FOLDER: Final = "no such folder", "a folder"
+"""Of a folder on the search path: other files than those meant would be found."""
 ModelType = TypeVar("ModelType", bound=BaseModel)
 Content = TypeVar("Content", covariant=True)
 
@@ -29,6 +32,12 @@ class Context:
     notes: list[str] = field(default_factory=list)
     calibration_mode: bool = False  # values that a calibration will fix cause only warnings
     tools: dict[Path, document.Tool | None] = field(default_factory=dict)  # cache of tool files
+
+    @classmethod
+    def beside(cls, files: Sequence[Path], search: Sequence[Path], configs: Path) -> Context:
+        """That of `files` from a command line, see `search_beside`; an error for each `--path` that is no folder."""
+        wrong = [FileProblem("--path", 0, "", str(path), *NO_FOLDER) for path in search if not is_folder(path)]
+        return cls(search_beside(files, search, configs), wrong)
 
     def read(self, path: Path) -> Opened[None] | None:
         """Read any file; None (and an error) when that fails."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.models.io_file import (
@@ -16,12 +16,15 @@ from trocar.procs.config.models.io_file import (
     RobotKeys,
 )
 from trocar.procs.config.read.problem import KeyPath
+from trocar.procs.config.read.units import check_range, check_tolerance
 
 IoOpened = Opened[IoFile]
 
 AXES = {"QLA1": 4, "DQLA": 8, "dRA1": 10, "HARDWARE_UNDEFINED": 10}
 _MIN_FOR_CALIBRATION = 3  # with fewer actuators, equal offsets do not prove a missing calibration
 _SCALE_TOLERANCE = 0.05
+_ADC = 2**16  # values of a potentiometer's converter
+_POT_RANGES = 10.0  # a potentiometer may measure so many times the range of its joint, or the range so many times that
 
 
 def check_io_file(opened: IoOpened) -> None:
@@ -45,6 +48,9 @@ def check_bus(files: list[IoOpened]) -> None:
     for opened in files:
         for kind, key, name in _names(opened.content):
             _once(opened, key, used, (kind, name), f"{kind} name")
+        for index, row in enumerate(opened.content.digital_inputs):
+            key, bit = ("digital_inputs", index, "bit_id"), (row.board_id, row.bit_id)
+            _once(opened, key, used, ("bit", bit), f"bit {bit[1]} of board {bit[0]}", opened.warning)
         for index, robot in enumerate(opened.content.robots):
             for key, part in parts_of(index, robot):
                 if part.axis_id >= 0:
@@ -72,9 +78,9 @@ def board_ids(content: IoFile) -> dict[int, str]:
 
 
 def _once(opened: IoOpened, key: KeyPath, seen: dict[tuple[object, object], str], item: tuple[object, object],
-          what: str) -> None:
+          what: str, report: Callable[[KeyPath, str, str], None] | None = None) -> None:
     if item in seen:
-        opened.error(key, f"{what} is used twice, first in {seen[item]}", "each only once on a bus")
+        (report or opened.error)(key, f"{what} is used twice, first in {seen[item]}", "each only once on a bus")
     else:
         problem = opened.source.problem(key, "")
         seen[item] = f"{problem.file}:{problem.line}"
@@ -104,6 +110,10 @@ def _check_counts(opened: IoOpened, key: KeyPath, robot: RobotKeys) -> None:
     ):
         if stated != listed:
             opened.error((*key, name), f"the list has {listed} entries", str(listed))
+    for number, actuator in enumerate(robot.actuators):
+        if actuator.actuator_id not in (None, number):
+            here = (*key, "actuators", number, "actuator_id")
+            opened.warning(here, "actuators are used in their order, actuator_id is not consulted", str(number))
 
 
 def _check_axes(opened: IoOpened, index: int, robot: RobotKeys) -> None:
@@ -146,6 +156,9 @@ def _check_potentiometers(opened: IoOpened, key: KeyPath, robot: RobotKeys) -> N
         if tolerance.axis_id != number:
             here = (*where, "tolerances", number, "axis_id")
             opened.warning(here, "tolerances are used in their order, axis_id is not consulted", str(number))
+    for number, (tolerance, actuator) in enumerate(zip(pots.tolerances, robot.actuators, strict=False)):
+        here = (*where, "tolerances", number, "distance")
+        check_tolerance(opened, here, tolerance.distance, actuator.joint_type, range_of(actuator))
     matrix = pots.coupling.JointToActuatorPosition if pots.coupling else None
     if matrix is not None and (len(matrix) != count or any(len(row) != count for row in matrix)):
         here = (*where, "coupling", "JointToActuatorPosition")
@@ -164,6 +177,12 @@ def _check_drive(opened: IoOpened, key: KeyPath, drive: DriveKeys) -> None:
         opened.warning((*key, "bits_to_current", "scale"), text, allowed)
 
 
+def range_of(actuator: ActuatorKeys) -> float:
+    """The range between the soft limits of an actuator; 0: unknown."""
+    limits = actuator.encoder.position_limits_soft if actuator.encoder is not None else None
+    return limits.upper - limits.lower if limits is not None else 0.0
+
+
 def _check_limits(opened: IoOpened, key: KeyPath, actuator: ActuatorKeys) -> None:
     encoder = actuator.encoder
     if encoder is None:
@@ -175,5 +194,19 @@ def _check_limits(opened: IoOpened, key: KeyPath, actuator: ActuatorKeys) -> Non
     if limits.lower == limits.upper == 0.0 and actuator.drive.maximum_current > 0.0:
         where = (*key, "encoder", "position_limits_soft")
         opened.warning(where, "0 to 0: with a motor but no range the arm does not home", "lower below upper")
+    check_range(opened, (*key, "encoder", "position_limits_soft", "upper"), limits.lower, limits.upper,
+                actuator.joint_type)
+    _check_full_scale(opened, (*key, "potentiometer", "voltage_to_position", "scale"), actuator)
     if encoder.bits_to_position.scale == 0.0:
         opened.error((*key, "encoder", "bits_to_position", "scale"), "must not be 0")
+
+
+def _check_full_scale(opened: IoOpened, key: KeyPath, actuator: ActuatorKeys) -> None:
+    """Check that a potentiometer measures about the range of its encoder's limits: both have the same unit."""
+    pot, way = actuator.potentiometer, range_of(actuator)
+    if pot is None or way <= 0.0:
+        return
+    measured = abs(pot.voltage_to_position.scale * pot.bits_to_voltage.scale) * _ADC
+    if measured > 0.0 and not way / _POT_RANGES <= measured <= way * _POT_RANGES:
+        text = f"this potentiometer measures {measured:.3g} in all, the encoder's limits are {way:.3g} apart"
+        opened.warning(key, text, "the unit of the encoder, rad or m")

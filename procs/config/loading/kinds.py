@@ -31,7 +31,6 @@ from trocar.procs.config.models.lookup_file import check_table
 from trocar.procs.config.models.pid_file import PidFile
 from trocar.procs.config.models.system_file import IoKeys
 from trocar.procs.config.read.problem import WARNING, FileProblem
-from trocar.procs.config.read.search import search_beside
 from trocar.procs.config.read.source import SourceFile, read_source
 from trocar.procs.config.read.validate import fields_of
 from trocar.procs.document.cart import CLASSIC, FIXED, SI
@@ -87,7 +86,7 @@ def check_file(
         return _check_system(path, search, boards, sets, configs)
     if kind == UNKNOWN:
         return Checked(path, kind, (*problems, _unknown(source)))
-    context = Context(search_beside([path], search, configs))
+    context = Context.beside([path], search, configs)
     _CHECKS[kind](context, path)
     found = sorted(dict.fromkeys(context.problems), key=lambda problem: problem.severity == WARNING)
     return Checked(path, kind, tuple(found), tuple(dict.fromkeys(context.notes)))

@@ -13,12 +13,12 @@ from pathlib import Path
 from trocar.procs.config.loading import convert
 from trocar.procs.config.loading.arms import LoadedArm, load_arms
 from trocar.procs.config.loading.bridges import load_foxglove, load_gui, load_recorder, load_ros, load_socket
-from trocar.procs.config.loading.buses import BusFiles, SystemFiles, check_buses, load_buses, watchdog_s
+from trocar.procs.config.loading.buses import BusFiles, SystemFiles, check_buses, load_buses
 from trocar.procs.config.loading.carts import load_carts, with_base_frames, with_brakes
 from trocar.procs.config.loading.chains import KINEMATIC, KINEMATIC_IO
 from trocar.procs.config.loading.components import warn_of_components
 from trocar.procs.config.loading.consoles import load_consoles, load_third_parties
-from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.loading.context import NO_FOLDER, Context, Opened
 from trocar.procs.config.loading.emulated import build_emulation, default_addresses, ports_of, setup_joints_of
 from trocar.procs.config.loading.overrides import SECTION, apply_overrides, with_named_processes
 from trocar.procs.config.loading.processes import Core, build_processes, placement
@@ -26,7 +26,7 @@ from trocar.procs.config.loading.user_code import load_user_processes, with_task
 from trocar.procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
 from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem
-from trocar.procs.config.read.search import SearchPath, expanded, search_beside, search_path
+from trocar.procs.config.read.search import SearchPath, expanded, search_path
 from trocar.procs.config.read.validate import is_name, validate
 from trocar.procs.document import system as document
 from trocar.procs.machine.paths import PROJECT_CONFIGS, is_folder
@@ -64,7 +64,7 @@ def load_system(
     `cores`: the processors of each core of this machine, to place processes on them; `records`: whether there is a
     recorder by default.
     """
-    context = Context(search_beside([Path(path)], search, configs))
+    context = Context.beside([Path(path)], search, configs)
     read = context.read(Path(path))
     system = _opened(read, boards, sets) if read is not None else None
     made = _load(system, name, bus_address, cores, records) if system is not None else None
@@ -85,11 +85,11 @@ def _opened(read: Opened[None], boards: str | None, sets: Mapping[str, str] | Se
         return None
     source, problems = apply_overrides(with_named_processes(read), sets)
     context.problems += problems
-    content, problems = validate(SystemFile, source)
+    content, problems = validate(SystemFile, source, in_part=True)
     context.problems += problems
     options: TrocarSection | None = TrocarSection()
     if source.has((SECTION,)):
-        options, problems = validate(TrocarSection, source, (SECTION,), unknown=ERROR)
+        options, problems = validate(TrocarSection, source, (SECTION,), unknown=ERROR, in_part=True)
         context.problems += problems
     if content is None or options is None:
         return None
@@ -187,7 +187,7 @@ def _with_settings(system: SystemFiles) -> SearchPath:
         given = expanded(text)
         hits = [folder for folder in (given, beside / given) if is_folder(folder)]
         if not hits:
-            system.warning(("settings", "path", index), "no such folder", "a folder")
+            system.error(("settings", "path", index), *NO_FOLDER)
         more += hits
     at = 2 if len(folders) > 1 and folders[1].resolve() == beside.resolve() else 1
     return search_path((*folders[:at], *more, *folders[at:]))
@@ -272,7 +272,7 @@ def _io(system: SystemFiles, bus: BusFiles, arms: list[LoadedArm], ports: Mappin
         port=ports.get(keys.name, keys.port),
         protocol=PROTOCOLS[keys.protocol],
         period_s=system.own(keys.name).period_s or options.io.period_s or keys.period,
-        watchdog_s=watchdog_s(keys),
+        watchdog_s=max(keys.watchdog_timeout, 0.0),
         calibration_mode=options.calibration_mode,
         robots=tuple(robots.values()),
         pids=tuple(loaded.pid for loaded in mine),

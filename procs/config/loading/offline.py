@@ -12,7 +12,6 @@ from trocar.procs.config.loading.instruments import psm_tool
 from trocar.procs.config.loading.kinds import kind_of
 from trocar.procs.config.models.arm_file import ArmFile, EcmFile, PsmFile
 from trocar.procs.config.read.problem import ERROR, FileProblem
-from trocar.procs.config.read.search import search_beside
 from trocar.procs.document import system as document
 from trocar.procs.document.arms import MasterGravityParameters
 from trocar.procs.kinematics.endoscopes import Endoscope, endoscope
@@ -50,7 +49,7 @@ def load_offline(
               for path in (kinematic, tool, arm) if path is not None and not path.exists()]
     if absent:
         return None, tuple(absent)
-    context = Context(search_beside([path for path in (arm, kinematic, tool) if path is not None], search, configs))
+    context = Context.beside([path for path in (arm, kinematic, tool) if path is not None], search, configs)
     found = _of_arm_file(context, arm, kinematic) if arm is not None else None
     if found is None and arm is None and kinematic is not None:
         chain = load_chain(context, kinematic)

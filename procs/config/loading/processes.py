@@ -8,13 +8,15 @@ the rest, because interrupts and other programs usually run there.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 from trocar.procs.config.loading.buses import SystemFiles
-from trocar.procs.config.loading.overrides import PROCESSES
+from trocar.procs.config.loading.overrides import PROCESSES, SECTION
 from trocar.procs.config.models.trocar_section import ProcessKeys, TrocarSection
+from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.document import system as document
 from trocar.procs.document.process import ELSEWHERE, ON_DEMAND
 from trocar.procs.tables.manifest import PROCS, Proc, proc
@@ -90,7 +92,19 @@ def build_processes(system: SystemFiles, made: document.SystemConfig,
     given = tuple(dataclasses.replace(row, after=tuple(name for name in row.after if name not in waits))
                   for row in rows)
     _check_demand(system, given)
+    _check_cpus(system)
     return given
+
+
+def _check_cpus(system: SystemFiles) -> None:
+    """Warn of processors that this machine does not have: such a process may run on any."""
+    options, count = system.options, os.cpu_count() or 0
+    given: list[tuple[KeyPath, int | None]] = [((SECTION, name, "cpu"), section.cpu) for name, section in (
+        ("emulation", options.emulation), ("io", options.io), ("arm", options.arm))]
+    given += [((*PROCESSES, name, "cpu"), row.cpu) for name, row in options.processes.items()]
+    for key, cpu in given:
+        if cpu is not None and cpu >= count > 0:
+            system.warning(key, f"this machine has no such processor: {count} in all", f"0 to {count - 1}")
 
 
 def _check_demand(system: SystemFiles, rows: tuple[document.Process, ...]) -> None:

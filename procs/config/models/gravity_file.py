@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -50,12 +51,17 @@ FIELDS: Final = {
 LENGTHS: Final = {key: GRAVITY_PARAMETERS if key.startswith("gc_") else MASTER_JOINTS for key in FIELDS}
 
 
-def load_master_gravity(context: Context, path: Path) -> MasterGravityParameters | None:
-    """The parameters of one master; None with errors."""
+def load_master_gravity(context: Context, path: Path, arms: Collection[str] = (), serial: str = "") -> \
+        MasterGravityParameters | None:
+    """The parameters of one master; None with errors. A warning if not measured on that of these names, this serial."""
     opened = context.open(GravityFile, path)
     if opened is None or not _check(opened):
         return None
-    keys = opened.content.GC_controller
+    measured, keys = opened.content, opened.content.GC_controller
+    if serial and measured.SN and serial != measured.SN:
+        opened.warning(("SN",), "measured on another arm", serial)
+    elif arms and measured.ARM_NAME and measured.ARM_NAME not in arms and not (serial and measured.SN):
+        opened.warning(("ARM_NAME",), "measured on another arm", " or ".join(arms))
     return MasterGravityParameters(**{field: getattr(keys, key) for key, field in FIELDS.items()})
 
 

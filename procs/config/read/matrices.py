@@ -6,6 +6,7 @@ import numpy as np
 
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.read.problem import KeyPath
+from trocar.procs.config.read.units import FRAME, check_unit
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -37,6 +38,7 @@ def check_rigid(opened: Opened[object], key: KeyPath, matrix: Rows) -> bool:
     if not off <= _ORTHONORMAL or not handed > 0.0:
         opened.error(key, f"not a rotation (off by {off:.2g})", "orthonormal right-handed axes, to 0.001")
         return False
+    check_unit(opened, key, max((row[3] for row in matrix[:3]), key=abs), FRAME)
     return True
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from os.path import lexists
 from pathlib import Path, PurePosixPath
 
-from trocar.procs.machine.paths import PROJECT_CONFIGS, exists
+from trocar.procs.machine.paths import PROJECT_CONFIGS
 
 _PID_STOCK = "sawControllersPID-"
 
@@ -25,7 +26,8 @@ class SearchPath:
     def find(self, *names: str) -> Path | None:
         """The first of `names` that exists: each name in all folders, then its alternatives.
 
-        If there is no such file, but a folder or named pipe of that name, its path: the error of reading explains it.
+        If there is no such file, but a folder, named pipe or dangling link of that name, its path: the error of reading
+        explains it.
         """
         for name in names:
             found = self._exact(name, _is_file)
@@ -36,7 +38,7 @@ class SearchPath:
                 found = self._exact(other, _is_file)
                 if found:
                     return found
-        there = (self._exact(name, exists) for name in names if name)
+        there = (self._exact(name, lexists) for name in names if name)
         return next((path for path in there if path), None)
 
     def find_all(self, name: str) -> tuple[Path, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pathlib import Path
 from trocar.procs.config.read.jsontext import Parsed, TextError, parse_json
 from trocar.procs.config.read.problem import WARNING, FileProblem, KeyPath, key_text, value_text
 from trocar.procs.config.read.yamltext import parse_yaml
+from trocar.procs.machine.paths import dangling
 
 _YAML = (".yaml", ".yml")
 _LARGEST = 4_000_000  # bytes; the largest known file, a potentiometer table, has 0.5 MB
@@ -87,7 +89,8 @@ def read_bytes(path: Path) -> tuple[bytes, FileProblem | None]:
             return b"", FileProblem(str(path), 0, "", "", text, f"at most {_LARGEST}")
         return path.read_bytes(), None
     except OSError as bad:
-        return b"", FileProblem(str(path), 0, "", "", f"cannot be read: {bad.strerror or bad}")
+        why = dangling(path) if isinstance(bad, FileNotFoundError) and path.is_symlink() else bad.strerror or str(bad)
+        return b"", FileProblem(str(path), 0, "", "", f"cannot be read: {why}")
 
 
 def read_source(path: Path) -> tuple[SourceFile | None, list[FileProblem]]:
@@ -99,7 +102,11 @@ def read_source(path: Path) -> tuple[SourceFile | None, list[FileProblem]]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as bad:
-        return None, [FileProblem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
+        is_utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        why = "this is UTF-16" if is_utf_16 else f"{bad.reason} at byte {bad.start}"
+        return None, [FileProblem(name, 0, "", "", f"not UTF-8 text: {why}")]
+    if not text.strip():
+        return None, [FileProblem(name, 0, "", "", "the file is empty")]
     if text.lstrip().startswith("<"):
         allowed = f"JSON or YAML; trocar convert {path} makes one of it"
         return None, [FileProblem(name, 1, "", "", "this is XML, as before dVRK 2.4, which is not read", allowed)]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import dataclasses
 import difflib
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
@@ -44,6 +46,7 @@ _CALIBRATION = re.compile(  # a word of a name
     r"(?:[_-]|$)", re.IGNORECASE)
 _REQUIRED, _UNKNOWN = "this key is required", "unknown key"
 _COMMENT = re.compile(r"[_#/]|\$(?:schema|comment)\Z")
+_RANGES = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 _FORMAT: dict[KeyPath, int] = {("$id",): 0, ("$version",): 1}  # reported first: other formats cause many errors
 VersionAsText = BeforeValidator(_whole_as_text)
 
@@ -94,13 +97,15 @@ def _field_of(field: dataclasses.Field[Any], hint: Any, key: Key) -> FieldInfo:
 
 
 def validate(
-    model: type[ModelType], source: SourceFile, key: KeyPath = (), *, unknown: str = WARNING
+    model: type[ModelType], source: SourceFile, key: KeyPath = (), *, unknown: str = WARNING, in_part: bool = False
 ) -> tuple[ModelType | None, list[FileProblem]]:
     """Validate the part of `source` at `key`; returns a `model` (None with errors) and all problems.
 
-    `unknown`: severity of unknown keys.
+    `unknown`: severity of unknown keys. `in_part`: if numbers out of range are the only errors, the model is made with
+    their defaults, so that the caller finds other problems, too.
     """
     data = source.at(key) if key else source.data
+    content: ModelType | None = None
     problems = list(_unknown_keys(model, source, key, data, unknown))
     try:
         content = model.model_validate(_without_empty(model, data))
@@ -110,7 +115,23 @@ def validate(
         inside = {error["loc"][:cut] for error in found for cut in range(len(error["loc"]))}
         problems += [_problem(model, source, key, error) for error in found
                      if not (error["type"] == "too_short" and error["loc"] in inside)]  # wrong rows are not missing
-    return None, _with_format(model, source, key, problems)
+        if in_part and all(error["type"] in _RANGES for error in found):
+            with contextlib.suppress(ValidationError):
+                content = model.model_validate(_without(_without_empty(model, data), [row["loc"] for row in found]))
+    return content, _with_format(model, source, key, problems)
+
+
+def _without(data: Any, keys: Sequence[KeyPath]) -> object:
+    """A copy of `data` without the values at `keys`; of a list in which one is wrong, without the list."""
+    data = copy.deepcopy(data)
+    for key in keys:
+        while isinstance(key[-1], int):
+            key = key[:-1]
+        here = data
+        for part in key[:-1]:
+            here = here[part]
+        here.pop(key[-1], None)
+    return data
 
 
 def _with_format(model: type[BaseModel], source: SourceFile, key: KeyPath,
@@ -171,7 +192,9 @@ def _problem(model: type[BaseModel], source: SourceFile, key: KeyPath, error: An
     if kind == "finite_number":
         return source.problem(where, "not a finite number", allowed=allowed)
     if kind == "literal_error":
-        return source.problem(where, _unlike(annotation, error["input"]), allowed=allowed)
+        is_other = inner == ("$id",) and isinstance(error["input"], str)
+        return source.problem(where, "another kind of file" if is_other else _unlike(annotation, error["input"]),
+                              allowed=allowed)
     if kind.endswith("_type"):
         return source.problem(where, _wrong_type(annotation is str, error["input"]), allowed=allowed)
     return source.problem(where, "not allowed" if kind.startswith("string") else "out of range", allowed=allowed)
@@ -322,7 +345,7 @@ def _unknown(source: SourceFile, key: KeyPath, known: Mapping[str, FieldInfo], s
     else:
         text = f"{_UNKNOWN}, ignored"
     inside = next((inner for inner, field in known.items() if name in _inner(field)), "")
-    if inside:
+    if inside and not (meant and slip):
         text += f"; it belongs in {inside}"
     elif meant:
         text += f'; did you mean "{meant}"?' + (" Its default would be used unnoticed" if unnoticed else "")

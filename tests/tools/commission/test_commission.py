@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -232,7 +233,11 @@ def test_a_system_without_boards_has_nothing_to_commission(kinematic) -> None:
     refused = _run(file=PROJECT_CONFIGS / "systems" / "kinematic.yaml")
     assert refused.exit_code == 1
     assert "no robot on boards" in refused.output
-    assert "no robot on boards of ECM" in _run("--arm", "ECM").output
+
+
+def test_an_arm_that_is_not_there_is_refused_with_those_that_are(kinematic) -> None:
+    refused = _run("--arm", "PSM1", "--arm", "ECM")
+    assert refused.exit_code == 1 and "no arm on boards ECM" in refused.output and "PSM1" in refused.output
 
 
 def test_without_a_terminal_a_person_cannot_be_asked_and_nothing_starts(kinematic) -> None:
@@ -249,11 +254,15 @@ def test_a_rehearsal_is_easy_on_the_machine_unless_it_is_told_otherwise(kinemati
     assert {"processes.IO1.late_s=0.5", "processes.PSM1.late_s=0.5"} <= set(sets)
 
 
-def test_ctrl_c_ends_it_without_a_trace(kinematic, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("pressed", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_try_is_recorded(kinematic, monkeypatch: pytest.MonkeyPatch, pressed: signal.Signals) -> None:
     def interrupted(*_: object) -> Outcome:
-        raise KeyboardInterrupt
+        signal.raise_signal(pressed)
+        raise AssertionError
 
     monkeypatch.setattr(verb, "_tried", interrupted)
     ended = _run()
     assert ended.exit_code == 1
     assert "stopped by Ctrl-C; everything is off" in ended.output
+    (tried,) = json.loads(Path("commission-demo.json").read_text())["tries"]
+    assert not tried["passed"] and "interrupted" in tried["problems"][0]

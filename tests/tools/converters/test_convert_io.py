@@ -188,6 +188,8 @@ def test_missing_coupling_matrix_is_the_inverse() -> None:
 def test_coupling_of_potentiometers_on_actuators_is_dropped() -> None:
     inside = block("Actuators", matrix("ActuatorToJointPosition", FORWARD))
     assert "coupling" not in first(config(three(inside=inside)))["potentiometers"]
+    changes = [change for change in convert(config(three(inside=inside))).changes if change.key.endswith("@Position")]
+    assert "no matrix" in changes[0].reason
 
 
 def test_contradicting_matrices_are_lost() -> None:

@@ -194,6 +194,16 @@ def test_a_fault_of_the_state_machine_is_one(played: ScriptedRobot) -> None:
         assert values(capturing.past(1.0, 1.0)) == [0.1]
 
 
+@pytest.mark.parametrize("when", ["fault", "fault PSM1"])
+def test_a_fault_is_where_it_begins(played: ScriptedRobot, when: str) -> None:
+    """In FAULT an arm repeats its state at each command, also at the one that clears it."""
+    for position, state in ((0.1, "FAULT"), (0.2, "HOMED"), (0.3, "FAULT"), (0.4, "FAULT"), (0.5, "DISABLED")):
+        played.events.operating_state(state, state, False, False)
+        played.show_arm(position)
+    with opened(played, when) as capturing:
+        assert values(capturing.past(0.0, 1.0)) == [0.3, 0.4, 0.5]
+
+
 @pytest.mark.slow
 def test_it_waits_and_takes_what_comes_after(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     positions = iter([0.1, 0.2, 0.9, 0.3, 0.4, 0.5])
@@ -216,6 +226,13 @@ def happening(monkeypatch: pytest.MonkeyPatch, *steps: Callable[[], object]) -> 
     left = iter(steps)
     monkeypatch.setattr(capture, "pause", lambda seconds: next(left, lambda: None)())
     monkeypatch.setattr(capture, "SILENT_S", 0.05)
+
+
+def test_it_does_not_wait_for_the_end_of_a_fault(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    played.events.operating_state("FAULT", "FAULT", False, False)
+    happening(monkeypatch, lambda: played.events.operating_state("FAULT", "FAULT", False, False))
+    with opened(played, "fault PSM1") as capturing:
+        assert capturing.wait(1.0, 0.0, 0.1) is None
 
 
 RESTARTS = "supervisor/state.restarts[1]"  # written on change
