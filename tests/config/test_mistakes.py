@@ -42,7 +42,6 @@ DRIVE = "robots[0].actuators[0].drive"
         (PID, "p_gain: 120", "p_gain: 1e308", "pid[0].p_gain", "1e+308", "from 0.0 up to 1000000.0"),
         (PID, "i_gain: 0,", "i_gain: 0, v_low_pass_cutoff: 0,", "pid[0].v_low_pass_cutoff", "0", "above 0"),
         (SYSTEM, "port: udp", "port: udp\n    period: 0", "IOs[0].period", "0", "from 0.0001 up to 0.1"),
-        (SYSTEM, "port: udp", "port: udp\n    watchdog_timeout: 30", "IOs[0].watchdog_timeout", "30", "up to 0.3"),
         (SYSTEM, "serial: demo", "serial: demo\n    period: 2", "arms[0].period", "2", "up to 0.1"),
         # words
         (IO, "hardware_version: QLA1", "hardware_version: QLA2", "robots[0].hardware_version", '"QLA2"', '"QLA1"'),
@@ -250,6 +249,7 @@ def test_unknown_key_warns_with_nearest_name(home: Home, file: str, old: str, ne
     ("old", "new", "text"),
     [
         ("port: udp", "port: udp\n    period: 0.002", "1 ms or less"),
+        ("port: udp", "port: udp\n    watchdog_timeout: 0.5", "0.3 s is used instead"),
         ("port: udp", "port: udp\n    watchdog_timeout: 0", "watchdog of the boards is off"),
     ],
 )
@@ -261,10 +261,13 @@ def test_doubtful_values_only_warn(home: Home, old: str, new: str, text: str) ->
     assert text in warning.text
 
 
-def test_the_watchdog_can_be_off(home: Home) -> None:
-    home.edit(SYSTEM, "port: udp", "port: udp\n    watchdog_timeout: -1")
-    system = home.load().system
-    assert system is not None and system.ios[0].watchdog_s == 0.0
+def test_watchdog_is_capped_and_can_be_off(home: Home) -> None:
+    home.edit(SYSTEM, "port: udp", "port: udp\n    watchdog_timeout: 0.5")
+    capped = home.load().system
+    home.edit(SYSTEM, "watchdog_timeout: 0.5", "watchdog_timeout: -1")
+    off = home.load().system
+    assert capped is not None and off is not None
+    assert (capped.ios[0].watchdog_s, off.ios[0].watchdog_s) == (0.3, 0.0)
 
 
 def test_a_motor_without_a_range_warns_that_its_arm_does_not_home(home: Home) -> None:

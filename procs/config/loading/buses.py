@@ -22,6 +22,7 @@ from trocar.procs.document import system as document
 from trocar.procs.fpga.port_name import PortName, PortNameError
 
 MAX_PERIOD_S = 0.001
+MAX_WATCHDOG_S = 0.3
 
 INPUTS = {
     "clutch": "arm_clutch",
@@ -140,9 +141,17 @@ def _check_numbers(system: SystemFiles, key: KeyPath, keys: IoKeys) -> None:
     if keys.period > MAX_PERIOD_S:
         text = "slow: gains and safety checks are made for 1 ms or less"
         system.warning((*key, "period"), text, f"up to {MAX_PERIOD_S} s")
-    if keys.watchdog_timeout <= 0.0:
+    watchdog = keys.watchdog_timeout
+    if watchdog > MAX_WATCHDOG_S:
+        system.warning((*key, "watchdog_timeout"), f"{MAX_WATCHDOG_S} s is used instead", f"up to {MAX_WATCHDOG_S} s")
+    if watchdog <= 0.0:
         text = "the watchdog of the boards is off: motors stay powered when this computer dies"
-        system.warning((*key, "watchdog_timeout"), text, "above 0, up to 0.3 s")
+        system.warning((*key, "watchdog_timeout"), text, f"above 0, up to {MAX_WATCHDOG_S} s")
+
+
+def watchdog_s(keys: IoKeys) -> float:
+    """The watchdog time to write to the boards; 0: off."""
+    return min(max(keys.watchdog_timeout, 0.0), MAX_WATCHDOG_S)
 
 
 def inputs_of(bus: BusFiles | None, arm: str, robot: str) -> document.ArmInputs:

@@ -13,7 +13,7 @@ from pathlib import Path
 from trocar.procs.config.loading import convert
 from trocar.procs.config.loading.arms import LoadedArm, load_arms
 from trocar.procs.config.loading.bridges import load_foxglove, load_gui, load_recorder, load_ros, load_socket
-from trocar.procs.config.loading.buses import BusFiles, SystemFiles, check_buses, load_buses
+from trocar.procs.config.loading.buses import BusFiles, SystemFiles, check_buses, load_buses, watchdog_s
 from trocar.procs.config.loading.carts import load_carts, with_base_frames, with_brakes
 from trocar.procs.config.loading.chains import KINEMATIC, KINEMATIC_IO
 from trocar.procs.config.loading.components import warn_of_components
@@ -272,7 +272,7 @@ def _io(system: SystemFiles, bus: BusFiles, arms: list[LoadedArm], ports: Mappin
         port=ports.get(keys.name, keys.port),
         protocol=PROTOCOLS[keys.protocol],
         period_s=system.own(keys.name).period_s or options.io.period_s or keys.period,
-        watchdog_s=max(keys.watchdog_timeout, 0.0),
+        watchdog_s=watchdog_s(keys),
         calibration_mode=options.calibration_mode,
         robots=tuple(robots.values()),
         pids=tuple(loaded.pid for loaded in mine),

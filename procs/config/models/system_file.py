@@ -54,7 +54,7 @@ class IoKeys(SafetySection):
     port: Port
     protocol: Protocol = "broadcast-query-read-write"
     period: float = Field(default=PERIOD_S, ge=0.0001, le=0.1, description="s")
-    watchdog_timeout: float = Field(default=WATCHDOG_S, le=0.3, description="s; 0 or less switches it off")
+    watchdog_timeout: float = Field(default=WATCHDOG_S, description="s; 0 or less switches it off")
     configuration_files: Rows[str] = ()
     close_all_relays: bool = True
 
