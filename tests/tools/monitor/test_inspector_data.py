@@ -57,6 +57,13 @@ def test_a_dead_supervisor_is_told_with_the_time_since(played: ScriptedRobot) ->
     assert seen.first.startswith("first: supervisor is dead: trocar up")
 
 
+def test_a_stalled_supervisor_is_told_with_the_time_since(played: ScriptedRobot) -> None:
+    played.pages["supervisor"].field("heartbeat_ns")[...] = monotonic_ns() - 12_000_000_000
+    assert re.fullmatch(r"supervisor stalled for 1\d s", overview.overview(played.name).words)
+    stalled = run(played, "attach", "--once").stdout.splitlines()[0]
+    assert re.search("supervisor stalled for 1. s", stalled) and "supervisor runs" not in stalled
+
+
 def test_a_system_that_is_gone_is_waited_for(world: World) -> None:
     seen = overview.overview(world.name)
     assert seen.supervisor == "gone" and "waiting until it is up again" in seen.words and not identity_of(world.name)
