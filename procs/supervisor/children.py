@@ -22,6 +22,7 @@ HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
 SETTLES_S: Final = 0.3  # after its setup, plus a period: then a user's process counts as running
 GIVEN_UP: Final = "; given up after "
+AGAIN: Final = "; automatic restart "
 TRACE_S: Final = 1.0  # time for a user's process to write the trace of a hang, and to end
 SHORT_TRACE_S: Final = 0.03  # for all others, whose restart is urgent
 
@@ -127,6 +128,7 @@ class Child:
     def _step_by_hand(self, event: str) -> None:
         """A request by hand cancels a planned restart and resets the restart policy."""
         self.restart_at_ns, self.failures, self.given_up = 0, 0, False
+        self.reason = self.reason.partition(AGAIN)[0]
         self._step(event)
 
     def _step(self, event: str) -> None:
@@ -191,6 +193,7 @@ class Child:
             self.given_up = True
             self.reason += f"{GIVEN_UP}{self.row.restart_limit} restarts"
             return
+        self.reason += f"{AGAIN}{self.failures} of {self.row.restart_limit}"
         wait_s = self.row.backoff_s * 2 ** (self.failures - 1)
         self.restart_at_ns = now + round(wait_s * 1e9)
 

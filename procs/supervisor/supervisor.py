@@ -269,9 +269,9 @@ class Supervisor:
             log.error("%s ended: %s; the system cannot start without it", name, child.reason)
         elif not ending.asked:
             begins = bool(child.restart_at_ns) and not self.stopping
-            planned = "restarting" if begins else (
-                f"not restarted; when that is fixed: {verb_line(f'start {name}', self.system.name)}")
-            self.events.report(codes.PROCESS_ENDED, f"{name} ended: {child.reason}; {planned}", name,
+            planned = "" if begins else (
+                f"; not restarted; when that is fixed: {verb_line(f'start {name}', self.system.name)}")
+            self.events.report(codes.PROCESS_ENDED, f"{name} ended: {child.reason}{planned}", name,
                                has_remedy=not begins)
         elif ending.killed:
             self.killed += 1

@@ -42,6 +42,14 @@ def test_who_has_ended_by_itself_does_not_run_unless_its_row_lets_it_end(
     assert _problem(row, "STOPPED", False, page, simulated=False, exit_reason=reason, lifecycle=lifecycle) == problem
 
 
+@pytest.mark.parametrize("state", ["CREATED", "FAILED", "STOPPED"])
+@pytest.mark.parametrize("lifecycle", ["RUNNING", "RESTARTING"])
+def test_one_that_the_supervisor_starts_again_has_no_problem(state: str, lifecycle: str) -> None:
+    page: Any = SilentPage()
+    row = Process("force", "user", 0.0)
+    assert not _problem(row, state, False, page, simulated=False, exit_reason="killed by SIGKILL", lifecycle=lifecycle)
+
+
 @pytest.mark.parametrize(("kind", "period_s", "problem"), [
     ("io", 0.00133, ""), ("arm", 0.004, "runs at 250 Hz instead of 1500"), ("user", 0.004, "")])
 def test_on_the_wall_clock_half_of_the_rate_is_not_well(kind: str, period_s: float, problem: str) -> None:

@@ -175,7 +175,7 @@ def process(name: str, problem: str = "", kind: str = "arm", lifecycle: str = "R
 
 
 @pytest.mark.parametrize(("processes", "found", "first"), [
-    ([process("IO1", "dead"), process("PSM1")], [fault("PSM1", "io-timeout", 5)],
+    ([process("IO1", "dead", lifecycle="STOPPED"), process("PSM1")], [fault("PSM1", "io-timeout", 5)],
      "IO1 is dead: trocar start IO1; trocar logs IO1 may say why"),
     ([process("supervisor", "dead", "supervisor")], [], "supervisor is dead: trocar up FILE starts the system again"),
     ([process("supervisor", "stalled", "supervisor")], [],
@@ -207,8 +207,7 @@ def test_the_cause_comes_before_what_follows_from_it(
     (PAGE_GONE, "force: its control page is gone from shared memory"),
 ])
 def test_each_problem_of_a_process_is_a_sentence(problem: str, said: str) -> None:
-    first = first_thing([process("force", problem)], [])
-    assert first.startswith(f"{said}: trocar ")
+    assert first_thing([process("force", problem, lifecycle="STOPPED")], []).startswith(f"{said}: trocar ")
     ended = dataclasses.replace(process("force", problem), exit_reason="killed by signal 9", lives=False,
                                 lifecycle="STOPPED")
     why = "" if problem.startswith(("failed", "not running")) else " (killed by signal 9)"
@@ -224,6 +223,19 @@ def test_a_process_that_was_restarted_just_now_is_not_well_yet() -> None:
     first = first_thing([again], [])
     assert first.startswith("b was restarted") and "8 times" in first and "code 4: Refused" in first
     assert first_thing([dataclasses.replace(again, restarted_s=None)], []) == ""
+
+
+@pytest.mark.parametrize("state", ["CREATED", "STARTING", "RESTARTING", "FAILED"])
+def test_one_that_restarts_by_itself_keeps_its_reason_and_needs_no_command(state: str) -> None:
+    why = "killed by SIGKILL; automatic restart 2 of 5"
+    one = dataclasses.replace(process("nudge", kind="user"), state=state, exit_reason=why)
+    assert first_thing([one], []) == f"nudge is not up yet: {why}; trocar logs supervisor may say why"
+    said = dataclasses.replace(one, exit_reason="hung for 5.0 s, killed; where: a line, trocar logs nudge")
+    assert first_thing([said], []).endswith(": hung for 5.0 s, killed; where: a line, trocar logs nudge")
+
+
+def test_a_death_that_the_supervisor_has_not_seen_needs_no_command() -> None:
+    assert "trocar start" not in first_thing([process("nudge", "dead", "user", lifecycle="RUNNING")], [])
 
 
 @pytest.mark.parametrize(("rows", "first"), [

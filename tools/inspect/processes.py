@@ -40,7 +40,7 @@ NOT_ATTACHED, DETACHED = "NOT ATTACHED", "DETACHED"
 SHOWN_OF_OTHERS = {"CREATED": NOT_ATTACHED, "RUNNING": "ATTACHED", "STOPPED": DETACHED}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "restarts", "problem")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "restarts")
-BEGINNING = ("CREATED", "STARTING", "RESTARTING")
+BEGINNING = ("CREATED", "STARTING", "RESTARTING", "FAILED")  # failed: the supervisor may not know yet
 SENTENCES = {DEAD: "{} is dead", STALLED: "{} is stalled", SILENT: "{} is silent", FAILED: "{} failed",
              NOT_RUNNING: "{} is not running", STOPPED: "{} is stopped"}
 """For problems that are a word; all others are a process's own report."""
@@ -125,6 +125,11 @@ class ProcessStatus:
     def begins(self) -> bool:
         """Whether the process is not up yet, but will be."""
         return self.state in BEGINNING and self.lifecycle != "STOPPED" and bool(self.lifecycle or self.lives)
+
+    @property
+    def begins_again(self) -> bool:
+        """Whether it is not up yet after it has ended by itself."""
+        return self.begins and bool(self.exit_reason) and not is_meant(self.exit_reason)
 
     @property
     def moves_the_robot(self) -> bool:
@@ -308,9 +313,9 @@ def _restarted_s(page: ControlPage, ledger: dict[str, Any]) -> float | None:
 
 def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool, exit_reason: str,
              lifecycle: str) -> str:
-    if state == "FAILED":
+    if state == "FAILED" and lifecycle in ("STOPPED", ""):
         return f"{FAILED}: {plain(page.get('error'))}"
-    if not lives_on and lifecycle == "RESTARTING":
+    if not lives_on and (lifecycle == "RESTARTING" or (lifecycle == "RUNNING" and state in ("CREATED", "FAILED"))):
         return ""
     if not lives_on:
         ended_by_itself = lifecycle == "STOPPED" and row.on_exit == "restart" and not is_meant(exit_reason)

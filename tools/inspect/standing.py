@@ -36,6 +36,7 @@ from trocar.tools.systems.processes import SUPERVISOR, commissioning
 
 FAULT, ON, OFF = "FAULT", "teleoperation on", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
+KILLED = "killed by SIGKILL"
 NEVER = "–"  # nothing published yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
@@ -214,11 +215,11 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
         return f"{what}{hint}{f'. Then: trocar home {others}' if others else ''}"
     if unwell:
         return _with_help(unwell[0])
-    again = next((process for process in processes if process.restarted_s is not None), None)
+    again = next((process for process in processes if process.restarted_s is not None or process.begins_again), None)
     if again is not None:
         times = f", {again.restarts} times in total" if again.restarts > 1 else ""
-        return (f"{again.name} was restarted {span(again.restarted_s or 0.0)} ago{times}: {again.exit_reason}; "
-                f"trocar logs {again.name} may say why")
+        since = "is not up yet" if again.begins else f"was restarted {span(again.restarted_s or 0.0)} ago{times}"
+        return f"{again.name} {since}: {again.exit_reason}{_logs(again, again.exit_reason)}"
     waiting = next((one for one in found if one.person), None)
     if waiting is not None:
         return f"{waiting.name} waits: {waiting.reason}"
@@ -256,11 +257,18 @@ def _with_help(process: ProcessStatus) -> str:
     return process.said if is_its_own else f"{process.said}: {_help(process)}"
 
 
+def _logs(process: ProcessStatus, told: str) -> str:
+    """The log that may say why it ended, unless it is `told`; what SIGKILL ends has no time to write to its own."""
+    if f"trocar logs {process.name}" in told:
+        return ""
+    return f"; trocar logs {'supervisor' if KILLED in process.exit_reason else process.name} may say why"
+
+
 def _help(process: ProcessStatus) -> str:
     """The command to type for a process with a problem."""
     name, problem = process.typed, process.problem
     is_dead, logs = problem == DEAD or problem.startswith(FAILED), f"trocar logs {process.name}"
-    why = "" if logs in problem else f"; {logs} may say why"
+    why = _logs(process, problem)
     if process.kind == SUPERVISOR or problem.endswith(GONE):
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
     if process.host:
@@ -270,6 +278,8 @@ def _help(process: ProcessStatus) -> str:
         return f"it is a third-party program; {end}start it again"
     if problem == STOPPED:
         return f"trocar start {name}"
+    if problem == DEAD and process.lifecycle == "RUNNING":
+        return "wait until the supervisor sees that it has ended"
     if is_dead or problem.startswith(NOT_RUNNING):
         return f"trocar start {name}{why}"
     return f"trocar restart {name}" if problem == STALLED else logs
