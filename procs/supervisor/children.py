@@ -22,7 +22,6 @@ HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
 SETTLES_S: Final = 0.3  # after its setup, plus a period: then a user's process counts as running
 GIVEN_UP: Final = "; given up after "
-AGAIN: Final = "; automatic restart "
 TRACE_S: Final = 1.0  # time for a user's process to write the trace of a hang, and to end
 SHORT_TRACE_S: Final = 0.03  # for all others, whose restart is urgent
 
@@ -78,6 +77,13 @@ class Child:
         return lifecycle.RESTARTING if self.state == lifecycle.STOPPED and self.restart_at_ns else self.state
 
     @property
+    def shown_reason(self) -> str:
+        """How its last process ended, for display, with the number of the automatic restart that follows, or followed.
+        """
+        again = f"; automatic restart {self.failures} of {self.row.restart_limit}"
+        return self.reason + (again if self.failures and not self.given_up else "")
+
+    @property
     def is_down(self) -> bool:
         """Whether it has no process and no planned restart."""
         return self.state == lifecycle.STOPPED and not self.restart_at_ns
@@ -128,7 +134,6 @@ class Child:
     def _step_by_hand(self, event: str) -> None:
         """A request by hand cancels a planned restart and resets the restart policy."""
         self.restart_at_ns, self.failures, self.given_up = 0, 0, False
-        self.reason = self.reason.partition(AGAIN)[0]
         self._step(event)
 
     def _step(self, event: str) -> None:
@@ -183,9 +188,9 @@ class Child:
 
     def _plan_restart(self, code: int | None) -> None:
         now = self.now_ns()
-        self.failures = 1 if now - self.begun_ns > HEALTHY_NS else self.failures + 1
         if self.row.on_exit != "restart" or not proc(self.row.kind).restart:
             return
+        self.failures = 1 if now - self.begun_ns > HEALTHY_NS else self.failures + 1
         if code == STAYS:
             self.given_up = True
             return
@@ -193,7 +198,6 @@ class Child:
             self.given_up = True
             self.reason += f"{GIVEN_UP}{self.row.restart_limit} restarts"
             return
-        self.reason += f"{AGAIN}{self.failures} of {self.row.restart_limit}"
         wait_s = self.row.backoff_s * 2 ** (self.failures - 1)
         self.restart_at_ns = now + round(wait_s * 1e9)
 

@@ -103,5 +103,6 @@ def _outcome(waits: _Pending) -> tuple[bool, str] | None:
     if child.starts < waits.number and child.state == lifecycle.RESTARTING:
         return None
     if child.starts == waits.number and child.state == lifecycle.STOPPED:
-        return False, f"{name}: {child.reason}"
+        again = "; it is tried again" if child.restart_at_ns else ""
+        return False, f"{name}: {child.reason}{again}"
     return False, f"{name} was stopped before it was up" if child.starts <= waits.number else f"{name}: {child.reason}"

@@ -73,7 +73,7 @@ def test_the_starter_hears_the_failures_own_text(system: IoAndArm) -> None:
     started = system.asked("start")
     system.process.ends(3, "ValueError: no such tool")
     system.goes_on()
-    assert started.answers[1:] == [("failed", "PSM1: exit code 3: ValueError: no such tool; automatic restart 1 of 5")]
+    assert started.answers[1:] == [("failed", "PSM1: exit code 3: ValueError: no such tool; it is tried again")]
 
 
 def test_who_starts_a_users_process_hears_that_it_ends_at_once_again() -> None:
@@ -92,7 +92,7 @@ def test_who_starts_a_users_process_hears_that_it_ends_at_once_again() -> None:
             process.ends(0, "its main has returned")
         child.look()
         requests.answer()
-        assert started.answers[1:] == ([("failed", "exits: exit code 0: its main has returned; automatic restart 1 of 5")]
+        assert started.answers[1:] == ([("failed", "exits: exit code 0: its main has returned; it is tried again")]
                                        if ends_after_s < 1.0 else [("done", "exits runs (pid 102)")])
 
 
@@ -113,7 +113,7 @@ def test_what_cannot_even_begin_is_told_as_well(system: IoAndArm) -> None:
     system.process.lacks_memory = True
     started = system.asked("start")
     system.goes_on()
-    assert started.answers[1:] == [("failed", "PSM1: could not be started: no memory; automatic restart 1 of 5")]
+    assert started.answers[1:] == [("failed", "PSM1: could not be started: no memory; it is tried again")]
 
 
 def test_a_start_while_stopping_gives_a_new_process_after_the_old_one(system: IoAndArm) -> None:
@@ -181,6 +181,7 @@ def test_a_users_process_writes_where_it_hangs_and_is_killed_when_it_cannot() ->
         ending = ending or child.look()
         assert ending is not None and ending.text.startswith("hung for 5.0 s, killed")
         assert ("; where: wall.py line 12 in step, trocar logs camera" in ending.text) != stopped
+        assert ("; it was stopped (SIGSTOP)" in ending.text) == stopped
 
 
 def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAndArm) -> None:
@@ -190,7 +191,7 @@ def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAn
         system.arm.look()
         if system.arm.restart_at_ns:
             waits.append((system.arm.restart_at_ns - system.clock.now_ns) * 1e-9)
-            assert system.arm.reason == f"exit code 4: ; automatic restart {len(waits)} of 5"
+            assert system.arm.shown_reason == f"exit code 4: ; automatic restart {len(waits)} of 5"
             system.clock.passes(waits[-1])
             assert system.arm.restart_when_due()
             system.process.goes_on()
@@ -199,7 +200,7 @@ def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAn
     system.asked("start")
     system.goes_on()
     assert system.arm.is_up and not system.arm.given_up
-    assert system.arm.reason == "exit code 4: ", "it is tried again"
+    assert system.arm.shown_reason == system.arm.reason == "exit code 4: ", "it is tried again"
 
 
 def test_what_stays_until_a_person_changes_it_is_not_tried_again(system: IoAndArm) -> None:

@@ -36,7 +36,7 @@ from trocar.tools.systems.processes import SUPERVISOR, commissioning
 
 FAULT, ON, OFF = "FAULT", "teleoperation on", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
-KILLED = "killed by SIGKILL"
+UNWRITTEN = "SIGKILL", "SIGSTOP"  # a process ended by these has no time to write to its log
 NEVER = "–"  # nothing published yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
@@ -258,10 +258,11 @@ def _with_help(process: ProcessStatus) -> str:
 
 
 def _logs(process: ProcessStatus, told: str) -> str:
-    """The log that may say why it ended, unless it is `told`; what SIGKILL ends has no time to write to its own."""
+    """The log that may say why it ended, unless it is `told`."""
     if f"trocar logs {process.name}" in told:
         return ""
-    return f"; trocar logs {'supervisor' if KILLED in process.exit_reason else process.name} may say why"
+    is_unwritten = any(signal in process.exit_reason for signal in UNWRITTEN)
+    return f"; trocar logs {'supervisor' if is_unwritten else process.name} may say why"
 
 
 def _help(process: ProcessStatus) -> str:
