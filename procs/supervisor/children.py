@@ -153,8 +153,10 @@ class Child:
             self.refused = f"could not be started: {error}"
 
     def _kill(self, verdict: str) -> None:
-        """Request a trace of the hang first; kill it at the second call."""
-        if self.verdict:
+        """Request a trace of the hang first; kill it at the second call, or at once if it is stopped (SIGSTOP)."""
+        is_stopped = not self.verdict and self.process.is_stopped
+        if self.verdict or is_stopped:
+            self.verdict = self.verdict or f"{verdict}; it was stopped (SIGSTOP)"
             self.kill_at_ns = 0
             self.process.kill()
             return
