@@ -22,7 +22,7 @@ from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools import cli
 from trocar.tools.client.bring_up import ArmBringUp
 from trocar.tools.inspect import standing
-from trocar.tools.inspect.processes import PAGE_GONE, ProcessStatus
+from trocar.tools.inspect.processes import PAGE_GONE, PastProcess, ProcessStatus
 from trocar.tools.inspect.standing import Standing, first_thing, next_step
 
 APP = cli.build()
@@ -80,6 +80,18 @@ def test_after_an_io_was_silent_only_what_is_left_to_do_is_named(kinematic: Scri
     kinematic.supervisor.publish(monotonic_ns())
     assert status(kinematic).stdout.splitlines()[-1].endswith(
         "IO1 ended: hung for 5.0 s, killed; where: wall.py line 16 in step; trocar home PSM1")
+
+
+@pytest.mark.parametrize(("after_s", "names"), [(0.5, True), (-0.01, True), (60.0, False)])
+def test_a_fault_that_follows_from_the_end_of_the_boards_names_it(after_s: float, names: bool) -> None:
+    code = codes.POWER_LOST
+    one = Standing("PSM1", "arm", "FAULT", False, "PSM1: power went off", fault={
+        "code": code.code, "hint": code.remedy, "stamp_ns": 10**12 + round(after_s * 1e9)})
+    boards = dataclasses.replace(process("boards", kind="boards"), exit_reason="killed by SIGKILL",
+                                 endings=(PastProcess(7, 10**12, "killed by SIGKILL"),))
+    found = standing._with_what_is_left(one, process("PSM1"), [process("PSM1"), boards])
+    assert first_thing([], [found]).startswith("PSM1: power went off; " + (
+        "boards ended: killed by SIGKILL; trocar home PSM1" if names else code.remedy))
 
 
 def test_the_file_of_another_fault_is_not_named(world: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -35,8 +35,10 @@ from trocar.tools.output.printing import plain, span
 from trocar.tools.systems.processes import SUPERVISOR, commissioning
 
 FAULT, ON, OFF = "FAULT", "teleoperation on", "teleoperation off"
-FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
+FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "stamp_ns", "monotonic_ns",
+              "local_ns")
 UNWRITTEN = "SIGKILL", "SIGSTOP"  # a process ended by these has no time to write to its log
+CAUSED_NS, SEEN_LATER_NS = 3_000_000_000, 500_000_000
 NEVER = "–"  # nothing published yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
@@ -94,14 +96,23 @@ def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]
 
 
 def _with_what_is_left(one: Standing, process: ProcessStatus, processes: Sequence[ProcessStatus]) -> Standing:
-    """For an arm whose io was silent: the remaining steps, with the name of that io."""
-    if one.fault is None or one.fault["code"] != IO_TIMEOUT.code:
+    """For an arm whose io was silent, or whose emulated boards ended: the cause and the remaining steps."""
+    if one.fault is None:
         return one
     ios = [row for row in processes if row.kind == "io" and row.name in process.after]
-    away = [row.name for row in ios if row.state != "RUNNING" or row.problem]
+    causes = ios if one.fault["code"] == IO_TIMEOUT.code else [
+        row for row in processes if row.kind == "boards" and _ended_before(row, int(one.fault["stamp_ns"]))]
+    if not causes:
+        return one
+    away = [row.name for row in causes if row.state != "RUNNING" or row.problem]
     first = f"wait until {away[0]} is back, or trocar start {away[0]}; then " if away else ""
-    why = [f"{row.name} ended: {row.exit_reason}; " for row in ios if not is_meant(row.exit_reason or DONE)]
+    why = [f"{row.name} ended: {row.exit_reason}; " for row in causes if not is_meant(row.exit_reason or DONE)]
     return dataclasses.replace(one, fault={**one.fault, "hint": f"{''.join(why)}{first}trocar home {one.name}"})
+
+
+def _ended_before(process: ProcessStatus, fault_ns: int) -> bool:
+    """Whether it ended so shortly before a fault that this is the cause; the supervisor sees an end a beat later."""
+    return any(-SEEN_LATER_NS <= fault_ns - past.stamp_ns <= CAUSED_NS for past in process.endings)
 
 
 def _untaken(process: ProcessStatus) -> str:
