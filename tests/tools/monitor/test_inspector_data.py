@@ -97,7 +97,7 @@ def test_processes_show_what_they_use_and_how_long_they_are_silent(played: Scrip
     assert row.state == "dead 12 s" and row.is_gone and row.cpu_percent is None and "problem: dead" in row.details()
 
 
-def test_topics_show_declared_and_real_rate_and_age(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_topics_show_nominal_and_real_rate_and_age(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("trocar.tools.monitor.topics.WINDOW_NS", 60_000_000_000)
     stamp = monotonic_ns() + 10_000_000_000  # not old, however long we have no core
     played.arm.publish(stamp - 1_000_000)
@@ -276,7 +276,7 @@ def test_without_a_terminal_it_is_printed_once(played: ScriptedRobot) -> None:
     played.events.status("PSM1: HOMED", "PSM1")
     shown = run(played, "attach")
     assert shown.exit_code == 0 and "supervisor runs" in shown.stdout and "PSM1: HOMED" in shown.stdout
-    assert "declared" in shown.stdout and "\x1b" not in shown.stdout
+    assert "nominal" in shown.stdout and "\x1b" not in shown.stdout
     assert run(played, "attach", "--once", "--json").exit_code == 2
 
 
