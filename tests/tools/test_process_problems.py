@@ -9,7 +9,7 @@ import pytest
 
 from trocar.procs.document.process import Process
 from trocar.shm.time.control_page import STATES
-from trocar.tools.inspect.processes import SENTENCES, _problem
+from trocar.tools.inspect.processes import SENTENCES, ProcessStatus, _in_slow_time, _problem
 
 
 class SilentPage:
@@ -57,3 +57,12 @@ def test_on_the_wall_clock_half_of_the_rate_is_not_well(kind: str, period_s: flo
     row = Process("PSM1", kind, 1 / 1500)
     assert _problem(row, "RUNNING", True, page, simulated=False, exit_reason="", lifecycle="RUNNING") == problem
     assert not _problem(row, "RUNNING", True, page, simulated=True, exit_reason="", lifecycle="RUNNING")
+
+
+@pytest.mark.parametrize(("silent_s", "problem", "rate_hz"), [
+    (0.9, "silent for 0.9 s; simulated time waits for it", None), (0.2, "its cycles take so long", 500.0)])
+def test_of_a_silent_process_no_cycles_are_said_to_take_long(
+        silent_s: float, problem: str, rate_hz: float | None) -> None:
+    rows = [ProcessStatus(name, "arm", "RUNNING", rate_hz=500.0, silent_s=silent_s) for name in ("PSM1", "PSM2")]
+    slow, other = _in_slow_time(rows, "PSM1", 0.0)
+    assert slow.problem.startswith(problem) and not other.problem and slow.rate_hz == other.rate_hz == rate_hz

@@ -55,6 +55,7 @@ GONE = "gone from shared memory"
 PAGE_GONE = f"its control page is {GONE}"
 SLOW_TIME = 0.02
 """Simulated over real time; a busy machine alone does not make it so slow."""
+STANDS_S = 0.5
 LOOKS = 20
 EVERY_S = 0.01
 NEARLY_ALWAYS = 0.8
@@ -169,8 +170,7 @@ def statuses(system: str) -> list[ProcessStatus]:
     if found[0].state != "RUNNING":  # it is being stopped as a whole
         return found
     slow, speed = _waited_for(system) if simulated else ("", 1.0)
-    said = f"its cycles take so long that simulated time runs at {speed:.3f} of real time"
-    found = [dataclasses.replace(one, problem=said) if one.name == slow and not one.problem else one for one in found]
+    found = _in_slow_time(found, slow, speed) if slow else found
     return [dataclasses.replace(one, problem=STOPPED) if _is_stopped(one, rows) else one for one in found]
 
 
@@ -184,6 +184,16 @@ def _lost_of(page: ControlPage, there: Collection[str]) -> str:
     topics |= set(OF_THE_SYSTEM) if page.instance == SUPERVISOR else set()
     lost = sorted(topics - set(there))
     return f"its {', '.join(lost)} {'is' if len(lost) == 1 else 'are'} {GONE}" if lost else ""
+
+
+def _in_slow_time(found: list[ProcessStatus], slow: str, speed: float) -> list[ProcessStatus]:
+    """With the problem of the process that time waits for; while it is silent, time stands, and nothing has a rate."""
+    silent_s = next((one.silent_s or 0.0 for one in found if one.name == slow), 0.0)
+    said = f"its cycles take so long that simulated time runs at {speed:.3f} of real time"
+    if silent_s > STANDS_S:
+        said = f"silent for {silent_s:.1f} s; simulated time waits for it"
+        found = [dataclasses.replace(one, rate_hz=None) if one.kind in PACED else one for one in found]
+    return [dataclasses.replace(one, problem=said) if one.name == slow and not one.problem else one for one in found]
 
 
 def _waited_for(system: str) -> tuple[str, float]:
