@@ -10,6 +10,7 @@ import pytest
 from trocar.procs.document.process import Process
 from trocar.shm.time.control_page import STATES
 from trocar.tools.inspect.processes import SENTENCES, ProcessStatus, _in_slow_time, _problem
+from trocar.tools.inspect.standing import first_thing
 
 
 class SilentPage:
@@ -66,3 +67,8 @@ def test_of_a_silent_process_no_cycles_are_said_to_take_long(
     rows = [ProcessStatus(name, "arm", "RUNNING", rate_hz=500.0, silent_s=silent_s) for name in ("PSM1", "PSM2")]
     slow, other = _in_slow_time(rows, "PSM1", 0.0)
     assert slow.problem.startswith(problem) and not other.problem and slow.rate_hz == other.rate_hz == rate_hz
+
+
+def test_a_death_that_the_supervisor_has_not_seen_needs_no_command() -> None:
+    dead = ProcessStatus("nudge", "user", "DEAD", problem="dead", lifecycle="RUNNING", lives=False)
+    assert "trocar start" not in first_thing([dead], [])

@@ -182,7 +182,8 @@ def fault(name: str, code: str, stamp_ns: int) -> Standing:
 
 
 def process(name: str, problem: str = "", kind: str = "arm", lifecycle: str = "RUNNING") -> ProcessStatus:
-    return ProcessStatus(name, kind, "RUNNING", 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, problem, {},
+    state = "STOPPED" if problem.startswith(("failed", "not running")) else "RUNNING"
+    return ProcessStatus(name, kind, state, 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, problem, {},
                          lifecycle=lifecycle)
 
 
@@ -246,10 +247,6 @@ def test_one_that_restarts_by_itself_keeps_its_reason_and_needs_no_command(state
     assert first_thing([said], []).endswith(": hung for 5.0 s, killed; where: a line, trocar logs nudge")
 
 
-def test_a_death_that_the_supervisor_has_not_seen_needs_no_command() -> None:
-    assert "trocar start" not in first_thing([process("nudge", "dead", "user", lifecycle="RUNNING")], [])
-
-
 @pytest.mark.parametrize(("rows", "first"), [
     ([("PSM1", "CREATED", "RUNNING")], "PSM1 is not up yet; wait for it"),
     ([("PSM1", "STARTING", "RUNNING"), ("ECM", "RESTARTING", "RESTARTING")], "PSM1, ECM are not up yet; wait for it"),
@@ -274,7 +271,7 @@ def test_what_a_dead_process_left_says_how_old_it_is() -> None:
 def test_a_remedy_that_a_problem_names_is_not_repeated() -> None:
     hung = process("bloop", "not running: hung for 5.0 s, killed; where: trocar logs bloop", "user")
     assert first_thing([hung], []).endswith("where: trocar logs bloop: trocar start bloop")
-    own = "pushes no more: power was lost; again: trocar send box keep_in 1"
+    own = "stopped: power was lost; again: trocar send box keep_in 1"
     assert first_thing([process("box", own, "user")], []) == f"box: {own}"
 
 
@@ -298,7 +295,6 @@ def test_the_next_step_leads_to_teleoperation() -> None:
 def test_a_filter_whose_host_died_is_no_third_party_program() -> None:
     dead = dataclasses.replace(process("speed", "dead", "user", ""), host="lab", lives=False)
     assert first_thing([dead], []).startswith("speed is dead: trocar restart lab")
-
 
 
 def test_what_waits_for_a_silent_process_is_not_well() -> None:
@@ -376,8 +372,10 @@ def test_what_the_scheduler_refused_is_said_once_with_where_the_remedy_is(kinema
 def test_a_fault_comes_before_what_is_wrong_with_the_recorder_and_after_a_dead_arm() -> None:
     fault = Standing("PSM1", "arm", "FAULT", False, "PSM1: power was lost")
     recorder, arm = process("recorder", "the disk is full", "recorder"), process("PSM2", "dead")
-    assert first_thing([recorder], [fault]).startswith("PSM1: power was lost")
+    slow = process("PSM1", "runs at 440.1 Hz instead of 1500")
+    assert first_thing([recorder, slow], [fault]).startswith("PSM1: power was lost")
     assert first_thing([recorder, arm], [fault]).startswith("PSM2 is dead")
+    assert first_thing([recorder, slow], []).startswith("PSM1: runs at 440.1 Hz")
     assert first_thing([recorder], []).startswith("recorder: the disk is full")
 
 

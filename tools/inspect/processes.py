@@ -138,10 +138,22 @@ class ProcessStatus:
         return self.kind in (SUPERVISOR, "", *IN_TIME, *THIRD_PARTY)
 
     @property
+    def word(self) -> str:
+        """Its problem as a key of SENTENCES; empty: none, or its own report, which may begin with such a word."""
+        word = self.problem.partition(":")[0]
+        is_report = self.lives and self.state == "RUNNING" and word != self.problem
+        return word if word in SENTENCES and not is_report else ""
+
+    @property
+    def works(self) -> bool:
+        """Whether it works, if slowly or with a problem that it reports itself."""
+        return self.lives and not self.word and not self.problem.endswith(GONE)
+
+    @property
     def said(self) -> str:
         """Its problem in a sentence; empty: it has none."""
-        word = self.problem.partition(":")[0]
-        said = SENTENCES.get(word, f"{{}}: {word}").format(self.name) + self.problem[len(word):] if word else ""
+        word = self.word
+        said = SENTENCES.get(word, "{}: ").format(self.name) + self.problem[len(word):] if self.problem else ""
         is_of_this_end = not self.lives and self.lifecycle != "RUNNING"  # else of an earlier process
         ended = f" ({self.exit_reason})" if self.exit_reason and is_of_this_end and word not in SAYS_WHY else ""
         return f"{said}{ended}" if said else ""

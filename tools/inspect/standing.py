@@ -25,7 +25,6 @@ from trocar.tools.inspect.processes import (
     GONE,
     NOT_ATTACHED,
     NOT_RUNNING,
-    SENTENCES,
     SILENT,
     STALLED,
     STOPPED,
@@ -212,8 +211,8 @@ def _fault_ns(events: NDArray[Any] | None) -> int:
 
 def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     """The first step for a person, in a line; empty: all is well."""
-    unwell = [process for process in processes if process.problem]
-    first = next((process for process in unwell if process.moves_the_robot), None)
+    unwell = sorted((process for process in processes if process.problem), key=lambda one: not one.moves_the_robot)
+    first = next((one for one in unwell if one.moves_the_robot and not one.works), None)
     if first is not None:
         return _with_help(first)
     faults = sorted((one for one in found if one.is_fault), key=_cause_first)
@@ -264,7 +263,7 @@ def guide_of(processes: Sequence[ProcessStatus]) -> str:
 
 def _with_help(process: ProcessStatus) -> str:
     """Its problem and the command to type; a process that names the command itself needs no other."""
-    is_its_own = process.problem.partition(":")[0] not in SENTENCES and REMEDY in process.problem
+    is_its_own = not process.word and REMEDY in process.problem
     return process.said if is_its_own else f"{process.said}: {_help(process)}"
 
 
@@ -279,7 +278,7 @@ def _logs(process: ProcessStatus, told: str) -> str:
 def _help(process: ProcessStatus) -> str:
     """The command to type for a process with a problem."""
     name, problem = process.typed, process.problem
-    is_dead, logs = problem == DEAD or problem.startswith(FAILED), f"trocar logs {process.name}"
+    is_dead, logs = process.word in (DEAD, FAILED), f"trocar logs {process.name}"
     why = _logs(process, problem)
     if process.kind == SUPERVISOR or problem.endswith(GONE):
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
@@ -292,7 +291,7 @@ def _help(process: ProcessStatus) -> str:
         return f"trocar start {name}"
     if problem == DEAD and process.lifecycle == "RUNNING":
         return "wait until the supervisor sees that it has ended"
-    if is_dead or problem.startswith(NOT_RUNNING):
+    if is_dead or process.word == NOT_RUNNING:
         return f"trocar start {name}{why}"
     return f"trocar restart {name}" if problem == STALLED else logs
 
