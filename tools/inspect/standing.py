@@ -271,7 +271,7 @@ def _logs(process: ProcessStatus, told: str) -> str:
     """The log that may say why it ended, unless it is `told`."""
     if f"trocar logs {process.name}" in told:
         return ""
-    is_unwritten = any(signal in process.exit_reason for signal in UNWRITTEN)
+    is_unwritten = any(word in process.exit_reason for word in UNWRITTEN)
     return f"; trocar logs {'supervisor' if is_unwritten else process.name} may say why"
 
 
