@@ -194,7 +194,7 @@ def process(name: str, problem: str = "", kind: str = "arm", lifecycle: str = "R
     ([process("supervisor", "stalled", "supervisor")], [],
      "supervisor is stalled: trocar down; then trocar up FILE starts the system again"),
     ([process("mine", "stalled", "user")], [], "mine is stalled: trocar restart mine"),
-    ([process("mine", "failed: no sensor", "user")], [],
+    ([process("mine", "failed: no sensor", "user", "STOPPED")], [],
      "mine failed: no sensor: trocar start mine; trocar logs mine may say why"),
     ([process("mine", "no sensor", "user")], [], "mine: no sensor: trocar logs mine"),
     ([process("theirs", "dead", "third_party", "")], [],

@@ -335,7 +335,7 @@ def _restarted_s(page: ControlPage, ledger: dict[str, Any]) -> float | None:
 
 def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool, exit_reason: str,
              lifecycle: str) -> str:
-    if state == "FAILED" and lifecycle in ("STOPPED", ""):
+    if state == "FAILED" and (lives_on or lifecycle in ("STOPPED", "")):
         return f"{FAILED}: {plain(page.get('error'))}"
     if not lives_on and (lifecycle == "RESTARTING" or (lifecycle == "RUNNING" and state in ("CREATED", "FAILED"))):
         return ""

@@ -289,8 +289,8 @@ def _help(process: ProcessStatus) -> str:
         return f"it is a third-party program; {end}start it again"
     if problem == STOPPED:
         return f"trocar start {name}"
-    if problem == DEAD and process.lifecycle == "RUNNING":
-        return "wait until the supervisor sees that it has ended"
+    if is_dead and process.lifecycle == "RUNNING":
+        return "wait until the supervisor sees its end"
     if is_dead or process.word == NOT_RUNNING:
         return f"trocar start {name}{why}"
     return f"trocar restart {name}" if problem == STALLED else logs
