@@ -77,6 +77,13 @@ class Child:
         return lifecycle.RESTARTING if self.state == lifecycle.STOPPED and self.restart_at_ns else self.state
 
     @property
+    def shown_reason(self) -> str:
+        """How its last process ended, for display, with the number of the automatic restart that follows, or followed.
+        """
+        again = f"; automatic restart {self.failures} of {self.row.restart_limit}"
+        return self.reason + (again if self.failures and not self.given_up else "")
+
+    @property
     def is_down(self) -> bool:
         """Whether it has no process and no planned restart."""
         return self.state == lifecycle.STOPPED and not self.restart_at_ns
@@ -146,8 +153,10 @@ class Child:
             self.refused = f"could not be started: {error}"
 
     def _kill(self, verdict: str) -> None:
-        """Request a trace of the hang first; kill it at the second call."""
-        if self.verdict:
+        """Request a trace of the hang first; kill it at the second call, or at once if it is stopped (SIGSTOP)."""
+        is_stopped = not self.verdict and self.process.is_stopped
+        if self.verdict or is_stopped:
+            self.verdict = self.verdict or f"{verdict}; it was stopped (SIGSTOP)"
             self.kill_at_ns = 0
             self.process.kill()
             return
@@ -181,9 +190,9 @@ class Child:
 
     def _plan_restart(self, code: int | None) -> None:
         now = self.now_ns()
-        self.failures = 1 if now - self.begun_ns > HEALTHY_NS else self.failures + 1
         if self.row.on_exit != "restart" or not proc(self.row.kind).restart:
             return
+        self.failures = 1 if now - self.begun_ns > HEALTHY_NS else self.failures + 1
         if code == STAYS:
             self.given_up = True
             return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import functools
 import grp
+import math
 import os
 import socket
 from typing import Final
@@ -37,6 +38,7 @@ from trocar.shm.system.subscriptions import Clearing
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.time.lockstep import Table, create_clock
+from trocar.shm.topics import Topic
 
 ORPHANS_NS: Final = 10_000_000_000
 POLL_S: Final = 0.05
@@ -193,8 +195,15 @@ def _create_instance(system: SystemConfig, process: Process, make: Make) -> int:
     dims, info = row.sizes(system, process.name)
     for topic in topics:
         total += directory.create_ring(system.name, process.name, topic, {} if topic.writer == "*" else dims,
-                                       {"kind": process.kind, **info}, make)
+                                       {"kind": process.kind, "rate_hz": _rate_hz(topic, process), **info}, make)
     return total
+
+
+def _rate_hz(topic: Topic, process: Process) -> float:
+    """A topic at the usual rate of its kind has a record per cycle, so it comes at the configured rate of its process.
+    """
+    is_of_each_cycle = process.period_s > 0.0 and math.isclose(topic.rate_hz * proc(process.kind).period_s, 1.0)
+    return round(1.0 / process.period_s, 3) if is_of_each_cycle else topic.rate_hz
 
 
 def remove_all(name: str) -> None:

@@ -9,13 +9,14 @@ import signal
 import socket
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from trocar.procs.document.system import Process
-from trocar.procs.machine.paths import ROOT
+from trocar.procs.machine.paths import PACKAGE, ROOT
 from trocar.procs.node.setup_error import STAYS
 from trocar.procs.supervisor.forking import ENVIRON, Forked, Template
 from trocar.procs.tables.manifest import proc
@@ -23,7 +24,10 @@ from trocar.shm.system.loglines import stamped
 from trocar.shm.time.clock import local_ns
 from trocar.shm.time.control_page import ControlPage
 
-FRAME: Final = re.compile(r'most recent call first\):\n  File "(?P<file>.*)", line (?P<line>\d+) in (?P<function>.*)')
+TRACE: Final = re.compile(r"most recent call first\):\n((?:  File .*\n?)+)")
+FRAME: Final = re.compile(r'  File "(?P<file>.*)", line (?P<line>\d+) in (?P<function>.*)')
+NOT_THEIRS: Final = (str(PACKAGE), sysconfig.get_path("stdlib"), "<")
+LIBRARIES: Final = re.compile(r"/(site|dist)-packages/")
 TRACE_BYTES: Final = 1 << 16
 HANDOVER = Path(__file__).with_name("handover.py")
 
@@ -57,6 +61,7 @@ class OsProcess:
     def begin(self) -> None:
         """Start the process; OSError when that fails."""
         self.page.show("CREATED")
+        self._log_size = self._size()
         command = [sys.executable, "-m", proc(self.row.kind).module, "--system", self.system, "--name", self.row.name]
         environ = dict(ENVIRON)
         given = [each.fileno() for each in self.sockets]
@@ -96,12 +101,23 @@ class OsProcess:
             log.write(stamped("WARNING", text, local_ns() * 1e-9) + "\n")
         self._log_size = self._size()
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a signal (SIGSTOP) or a debugger has stopped it."""
+        with contextlib.suppress(OSError):
+            stat = Path(f"/proc/{self.pid}/stat").read_text(encoding="utf-8", errors="replace")
+            return stat.rpartition(")")[2].split()[0] in ("T", "t")
+        return False
+
     def where(self) -> str:
-        """The file, line and function at the top of its trace; empty without a trace."""
+        """File, line and function of its trace: the innermost of the user's code, else the top; empty without a trace.
+        """
         begin = self._log_size if self._size() >= self._log_size else 0  # a new file has begun
         with contextlib.suppress(OSError), self.log.open("rb") as log:
             log.seek(begin)
-            if found := FRAME.search(log.read(TRACE_BYTES).decode(errors="replace")):
+            if trace := TRACE.search(log.read(TRACE_BYTES).decode(errors="replace")):
+                frames = list(FRAME.finditer(trace[1]))
+                found = next(filter(_is_theirs, frames), frames[0])
                 return f"{Path(found['file']).name} line {found['line']} in {found['function']}"
         return ""
 
@@ -139,3 +155,8 @@ class OsProcess:
         """Show STOPPED if it had no time to do so itself; FAILED stays, unless `also_failed`."""
         if self.page.state not in ("STOPPED", *(() if also_failed else ("FAILED",))):
             self.page.show("STOPPED")
+
+
+def _is_theirs(frame: re.Match[str]) -> bool:
+    """Whether a line of a trace is of a user's file: neither ours nor a library's."""
+    return not (frame["file"].startswith(NOT_THEIRS) or LIBRARIES.search(frame["file"]))

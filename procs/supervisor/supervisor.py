@@ -15,7 +15,7 @@ from trocar.procs.document.process import ELSEWHERE, ON_DEMAND
 from trocar.procs.document.system import WALL, Process, SystemConfig
 from trocar.procs.machine.log_files import put_run_aside
 from trocar.procs.machine.paths import made_log_folder, made_recordings_folder
-from trocar.procs.machine.verb_lines import verb_line
+from trocar.procs.machine.verb_lines import REMEDY, verb_line
 from trocar.procs.node.realtime import in_words, lacking, realtime, step_back
 from trocar.procs.supervisor import memory
 from trocar.procs.supervisor.children import Child, Demand, Ending, missing, waves
@@ -269,10 +269,10 @@ class Supervisor:
             log.error("%s ended: %s; the system cannot start without it", name, child.reason)
         elif not ending.asked:
             begins = bool(child.restart_at_ns) and not self.stopping
-            planned = "restarting" if begins else (
-                f"not restarted; when that is fixed: {verb_line(f'start {name}', self.system.name)}")
-            self.events.report(codes.PROCESS_ENDED, f"{name} ended: {child.reason}; {planned}", name,
-                               has_remedy=not begins)
+            ended = child.shown_reason if begins else (
+                f"{child.reason}; not restarted; when that is fixed: {verb_line(f'start {name}', self.system.name)}")
+            text = f"{name} ended: {ended}"
+            self.events.report(codes.PROCESS_ENDED, text, name, has_remedy=REMEDY in text)
         elif ending.killed:
             self.killed += 1
             self.events.report(codes.PROCESS_KILLED, f"{name} {ending.text}", name)
@@ -309,7 +309,7 @@ class Supervisor:
 
     def _show(self) -> None:
         """Publish the states of all processes after a change."""
-        shown = [(child.shown_state, child.process.pid, child.restarts, child.reason, child.is_up)
+        shown = [(child.shown_state, child.process.pid, child.restarts, child.shown_reason, child.is_up)
                  for child in self.children]
         if shown == self._shown:
             return
@@ -320,7 +320,7 @@ class Supervisor:
         for i, child in enumerate(self.children):
             values = {"instance": child.row.name.encode(), "kind": child.row.kind.encode(),
                       "lifecycle": child.shown_state.encode(), "pid": child.process.pid, "restarts": child.restarts,
-                      "exit_reason": shorten(child.reason, room)}
+                      "exit_reason": shorten(child.shown_reason, room)}
             for name, value in values.items():
                 self._state.field(name)[i] = value
         self._state.publish(self.now_ns())

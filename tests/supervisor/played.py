@@ -32,6 +32,11 @@ class PlayedProcess:
         """Counts up."""
         return 100 + self.begun if self.runs or self._code is not None else 0
 
+    @property
+    def is_stopped(self) -> bool:
+        """A test stops it."""
+        return self.stopped
+
     def begin(self) -> None:
         """Setup begins."""
         assert not self.runs and self._code is None, "there is one already"

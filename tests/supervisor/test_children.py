@@ -181,6 +181,7 @@ def test_a_users_process_writes_where_it_hangs_and_is_killed_when_it_cannot() ->
         ending = ending or child.look()
         assert ending is not None and ending.text.startswith("hung for 5.0 s, killed")
         assert ("; where: wall.py line 12 in step, trocar logs camera" in ending.text) != stopped
+        assert ("; it was stopped (SIGSTOP)" in ending.text) == stopped
 
 
 def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAndArm) -> None:
@@ -190,6 +191,7 @@ def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAn
         system.arm.look()
         if system.arm.restart_at_ns:
             waits.append((system.arm.restart_at_ns - system.clock.now_ns) * 1e-9)
+            assert system.arm.shown_reason == f"exit code 4: ; automatic restart {len(waits)} of 5"
             system.clock.passes(waits[-1])
             assert system.arm.restart_when_due()
             system.process.goes_on()
@@ -198,7 +200,7 @@ def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAn
     system.asked("start")
     system.goes_on()
     assert system.arm.is_up and not system.arm.given_up
-    assert system.arm.reason == "exit code 4: ", "it is tried again"
+    assert system.arm.shown_reason == system.arm.reason == "exit code 4: ", "it is tried again"
 
 
 def test_what_stays_until_a_person_changes_it_is_not_tried_again(system: IoAndArm) -> None:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import os
+import signal
+import subprocess
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
+from trocar.procs.machine.paths import PACKAGE
 from trocar.procs.supervisor.os_process import OsProcess
 from trocar.shm.system.loglines import parsed
 from trocar.shm.time.clock import monotonic_ns
@@ -39,3 +45,28 @@ def test_the_trace_of_a_process_that_hangs_belongs_to_an_entry_of_that_moment(tm
         log.write('Stack (most recent call first):\n  File "box.py", line 21 in update\n')
     assert parsed(process.log.read_text().splitlines()[0]).monotonic_s >= begin_s - 1e-6
     assert process.where() == "box.py line 21 in update"
+
+
+@pytest.mark.parametrize(("files", "where"), [
+    ((f"{PACKAGE}/shm/time/clock.py", "/lab/box.py", "/lab/loop.py", f"{PACKAGE}/procs/user/loop.py"), "box.py line 2"),
+    ((np.__file__, json.__file__, "/lab/box.py", "<frozen runpy>"), "box.py line 3"),
+    ((f"{PACKAGE}/procs/io/loop.py", "<frozen runpy>"), "loop.py line 1")])
+def test_of_a_trace_the_innermost_line_of_the_users_code_is_told(
+        files: tuple[str, ...], where: str, tmp_path: Path) -> None:
+    process = cast("OsProcess", object.__new__(OsProcess))
+    process.log, process._log_size = tmp_path / "box.log", 0
+    lines = [f'  File "{file}", line {k} in step' for k, file in enumerate(files, 1)]
+    process.log.write_text("\n".join(["Current thread 0x1 (most recent call first):", *lines, "", "Extension modules"]))
+    assert process.where() == f"{where} in step"
+
+
+def test_a_process_that_a_signal_has_stopped_is_known() -> None:
+    process = cast("OsProcess", object.__new__(OsProcess))
+    with subprocess.Popen(["sleep", "60"]) as process.popen:
+        try:
+            assert not process.is_stopped
+            process.popen.send_signal(signal.SIGSTOP)
+            os.waitpid(process.popen.pid, os.WUNTRACED)
+            assert process.is_stopped
+        finally:
+            process.popen.kill()

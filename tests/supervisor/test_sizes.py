@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
+from tests.conftest import World
 from trocar.procs.config import load_system
+from trocar.procs.crtk.topics import catalogue
+from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.procs.supervisor import memory
 from trocar.procs.tables.manifest import proc
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.time.control_page import CONTROL
 from trocar.shm.topics import SUPERVISOR_STATE
+
+DEMO = PROJECT_CONFIGS / "systems" / "demo-teleop.yaml"
 
 
 def test_boards_record_every_robot_on_them_io_its_own(data: Callable[[str], Path]) -> None:
@@ -28,3 +35,16 @@ def test_how_a_process_ended_has_room_for_all_that_it_said_of_itself() -> None:
     said = schema_of(CONTROL).dtype["error"].itemsize
     room = schema_of(SUPERVISOR_STATE, {"instances": 1}).dtype["exit_reason"].base.itemsize
     assert room >= len("exit code 4: ") + said + len("; given up after 100 restarts")
+
+
+def test_the_rate_of_a_topic_of_each_cycle_is_the_configured_one(world: World) -> None:
+    system = load_system(DEMO, boards="emulated", sets=["io.period_s=0.002", "arm.period_s=0.004"]).system
+    assert system is not None
+    memory.create_all(dataclasses.replace(system, name=world.name))
+    try:
+        rates = {entry.name: entry.rate_hz for entry in catalogue(world.name)}
+    finally:
+        memory.remove_all(world.name)
+    periods = {row.name: row.period_s for row in system.processes}
+    assert (rates["IO1/state"], rates["PSM1/state"], rates["PSM1/measured_js"]) == (500.0, 250.0, 250.0)
+    assert rates["console/state"] == 1.0 / periods["console"] and rates["IO1/events"] == 0.0

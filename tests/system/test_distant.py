@@ -80,7 +80,7 @@ def test_a_script_sees_the_same_from_elsewhere(robot: Robot) -> None:
     with trocar.system(at=at, timeout=60.0):  # so that the bridge stays
         with pytest.raises(trocar.Problem, match="no arm PSM9; did you mean PSM1"):
             trocar.arm("PSM9", at=at, timeout=60.0)
-        with pytest.raises(trocar.Problem, match="is no ECM"):
+        with pytest.raises(trocar.Problem, match="is not of type ECM"):
             trocar.ecm("PSM1", at=at, timeout=60.0)
     assert robot.down() == 0
 

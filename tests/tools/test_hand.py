@@ -151,3 +151,16 @@ def test_what_breaks_while_the_demo_follows_is_recovered_by_an_operator(demo: Ho
         demo.order(order)
     demo.passes(1.0)
     demo.recover()
+
+
+@pytest.mark.slow
+@pytest.mark.simulated
+def test_after_a_restart_of_the_slave_the_hand_pinches_once_an_operator_shows_presence_again(demo: HostedDemo) -> None:
+    demo.passes(1.0)
+    demo.host.restart("PSM1", killed=True)
+    demo.until(lambda: not demo.teleop.is_following, "following ends")
+    demo.passes(5.0)
+    assert not demo.teleop.is_following, "nobody asked for it"
+    demo.order("press coag 0")
+    demo.order("press coag 1")
+    demo.until(lambda: demo.teleop.is_following, "it follows again")

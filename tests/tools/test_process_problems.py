@@ -9,7 +9,8 @@ import pytest
 
 from trocar.procs.document.process import Process
 from trocar.shm.time.control_page import STATES
-from trocar.tools.inspect.processes import SENTENCES, _problem
+from trocar.tools.inspect.processes import SENTENCES, ProcessStatus, _in_slow_time, _problem
+from trocar.tools.inspect.standing import first_thing
 
 
 class SilentPage:
@@ -42,6 +43,14 @@ def test_who_has_ended_by_itself_does_not_run_unless_its_row_lets_it_end(
     assert _problem(row, "STOPPED", False, page, simulated=False, exit_reason=reason, lifecycle=lifecycle) == problem
 
 
+@pytest.mark.parametrize("state", ["CREATED", "FAILED", "STOPPED"])
+@pytest.mark.parametrize("lifecycle", ["RUNNING", "RESTARTING"])
+def test_one_that_the_supervisor_starts_again_has_no_problem(state: str, lifecycle: str) -> None:
+    page: Any = SilentPage()
+    row = Process("force", "user", 0.0)
+    assert not _problem(row, state, False, page, simulated=False, exit_reason="killed by SIGKILL", lifecycle=lifecycle)
+
+
 @pytest.mark.parametrize(("kind", "period_s", "problem"), [
     ("io", 0.00133, ""), ("arm", 0.004, "runs at 250 Hz instead of 1500"), ("user", 0.004, "")])
 def test_on_the_wall_clock_half_of_the_rate_is_not_well(kind: str, period_s: float, problem: str) -> None:
@@ -49,3 +58,17 @@ def test_on_the_wall_clock_half_of_the_rate_is_not_well(kind: str, period_s: flo
     row = Process("PSM1", kind, 1 / 1500)
     assert _problem(row, "RUNNING", True, page, simulated=False, exit_reason="", lifecycle="RUNNING") == problem
     assert not _problem(row, "RUNNING", True, page, simulated=True, exit_reason="", lifecycle="RUNNING")
+
+
+@pytest.mark.parametrize(("silent_s", "problem", "rate_hz"), [
+    (0.9, "silent for 0.9 s; simulated time waits for it", None), (0.2, "its cycles take so long", 500.0)])
+def test_of_a_silent_process_no_cycles_are_said_to_take_long(
+        silent_s: float, problem: str, rate_hz: float | None) -> None:
+    rows = [ProcessStatus(name, "arm", "RUNNING", rate_hz=500.0, silent_s=silent_s) for name in ("PSM1", "PSM2")]
+    slow, other = _in_slow_time(rows, "PSM1", 0.0)
+    assert slow.problem.startswith(problem) and not other.problem and slow.rate_hz == other.rate_hz == rate_hz
+
+
+def test_a_death_that_the_supervisor_has_not_seen_needs_no_command() -> None:
+    dead = ProcessStatus("nudge", "user", "DEAD", problem="dead", lifecycle="RUNNING", lives=False)
+    assert "trocar start" not in first_thing([dead], [])

@@ -78,5 +78,13 @@ def test_a_command_to_a_component_that_was_stopped_says_so_at_once(
     with contextlib.closing(ControlPage(kinematic.name, "PSM1", write=True)) as page, \
             Remote(kinematic.name, "PSM1") as remote:
         page.show(state)
+        kinematic.beat()
         with pytest.raises(Problem, match=f"PSM1 {words}; trocar status says why, trocar start PSM1 starts it"):
             remote.ask("hold")
+
+
+def test_without_a_working_supervisor_no_process_is_said_to_start_by_command(kinematic: ScriptedRobot) -> None:
+    kinematic.pages["PSM1"].show("STOPPED")
+    kinematic.pages["supervisor"].field("heartbeat_ns")[...] = time.monotonic_ns() - 5_000_000_000
+    with Remote(kinematic.name, "PSM1") as remote, pytest.raises(Problem, match="supervisor is stalled: trocar down"):
+        remote.wait_until_it_runs()

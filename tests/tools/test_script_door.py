@@ -251,7 +251,7 @@ def test_an_arm_is_of_the_kind_that_is_asked_for(kinematic: ScriptedRobot) -> No
     kinematic.show_arm()
     with trocar.psm("PSM1", kinematic.name) as psm:
         assert isinstance(psm, trocar.Psm)
-    with pytest.raises(trocar.Problem, match="PSM1 is no MTM, it is a PSM"):
+    with pytest.raises(trocar.Problem, match="PSM1 is not of type MTM; its type is PSM"):
         trocar.mtm("PSM1", kinematic.name)
     with pytest.raises(trocar.Problem, match="no suj SUJ"):
         trocar.suj("SUJ", kinematic.name, timeout=0.0)

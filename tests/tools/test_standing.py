@@ -22,7 +22,7 @@ from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools import cli
 from trocar.tools.client.bring_up import ArmBringUp
 from trocar.tools.inspect import standing
-from trocar.tools.inspect.processes import PAGE_GONE, ProcessStatus
+from trocar.tools.inspect.processes import PAGE_GONE, PastProcess, ProcessStatus
 from trocar.tools.inspect.standing import Standing, first_thing, next_step
 
 APP = cli.build()
@@ -80,6 +80,18 @@ def test_after_an_io_was_silent_only_what_is_left_to_do_is_named(kinematic: Scri
     kinematic.supervisor.publish(monotonic_ns())
     assert status(kinematic).stdout.splitlines()[-1].endswith(
         "IO1 ended: hung for 5.0 s, killed; where: wall.py line 16 in step; trocar home PSM1")
+
+
+@pytest.mark.parametrize(("after_s", "names"), [(0.5, True), (-0.01, True), (60.0, False)])
+def test_a_fault_that_follows_from_the_end_of_the_boards_names_it(after_s: float, names: bool) -> None:
+    code = codes.POWER_LOST
+    one = Standing("PSM1", "arm", "FAULT", False, "PSM1: power went off", fault={
+        "code": code.code, "hint": code.remedy, "stamp_ns": 10**12 + round(after_s * 1e9)})
+    boards = dataclasses.replace(process("boards", kind="boards"), exit_reason="killed by SIGKILL",
+                                 endings=(PastProcess(7, 10**12, "killed by SIGKILL"),))
+    found = standing._with_what_is_left(one, process("PSM1"), [process("PSM1"), boards])
+    assert first_thing([], [found]).startswith("PSM1: power went off; " + (
+        "boards ended: killed by SIGKILL; trocar home PSM1" if names else code.remedy))
 
 
 def test_the_file_of_another_fault_is_not_named(world: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -170,18 +182,19 @@ def fault(name: str, code: str, stamp_ns: int) -> Standing:
 
 
 def process(name: str, problem: str = "", kind: str = "arm", lifecycle: str = "RUNNING") -> ProcessStatus:
-    return ProcessStatus(name, kind, "RUNNING", 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, problem, {},
+    state = "STOPPED" if problem.startswith(("failed", "not running")) else "RUNNING"
+    return ProcessStatus(name, kind, state, 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, problem, {},
                          lifecycle=lifecycle)
 
 
 @pytest.mark.parametrize(("processes", "found", "first"), [
-    ([process("IO1", "dead"), process("PSM1")], [fault("PSM1", "io-timeout", 5)],
+    ([process("IO1", "dead", lifecycle="STOPPED"), process("PSM1")], [fault("PSM1", "io-timeout", 5)],
      "IO1 is dead: trocar start IO1; trocar logs IO1 may say why"),
     ([process("supervisor", "dead", "supervisor")], [], "supervisor is dead: trocar up FILE starts the system again"),
     ([process("supervisor", "stalled", "supervisor")], [],
      "supervisor is stalled: trocar down; then trocar up FILE starts the system again"),
     ([process("mine", "stalled", "user")], [], "mine is stalled: trocar restart mine"),
-    ([process("mine", "failed: no sensor", "user")], [],
+    ([process("mine", "failed: no sensor", "user", "STOPPED")], [],
      "mine failed: no sensor: trocar start mine once its cause is removed; trocar logs mine may say why"),
     ([process("mine", "no sensor", "user")], [], "mine: no sensor: trocar logs mine"),
     ([process("theirs", "dead", "third_party", "")], [],
@@ -207,8 +220,7 @@ def test_the_cause_comes_before_what_follows_from_it(
     (PAGE_GONE, "force: its control page is gone from shared memory"),
 ])
 def test_each_problem_of_a_process_is_a_sentence(problem: str, said: str) -> None:
-    first = first_thing([process("force", problem)], [])
-    assert first.startswith(f"{said}: trocar ")
+    assert first_thing([process("force", problem, lifecycle="STOPPED")], []).startswith(f"{said}: trocar ")
     ended = dataclasses.replace(process("force", problem), exit_reason="killed by signal 9", lives=False,
                                 lifecycle="STOPPED")
     why = "" if problem.startswith(("failed", "not running")) else " (killed by signal 9)"
@@ -224,6 +236,15 @@ def test_a_process_that_was_restarted_just_now_is_not_well_yet() -> None:
     first = first_thing([again], [])
     assert first.startswith("b was restarted") and "8 times" in first and "code 4: Refused" in first
     assert first_thing([dataclasses.replace(again, restarted_s=None)], []) == ""
+
+
+@pytest.mark.parametrize("state", ["CREATED", "STARTING", "RESTARTING", "FAILED"])
+def test_one_that_restarts_by_itself_keeps_its_reason_and_needs_no_command(state: str) -> None:
+    why = "killed by SIGKILL; automatic restart 2 of 5"
+    one = dataclasses.replace(process("nudge", kind="user"), state=state, exit_reason=why)
+    assert first_thing([one], []) == f"nudge is not up yet: {why}; trocar logs supervisor may say why"
+    said = dataclasses.replace(one, exit_reason="hung for 5.0 s, killed; where: a line, trocar logs nudge")
+    assert first_thing([said], []).endswith(": hung for 5.0 s, killed; where: a line, trocar logs nudge")
 
 
 @pytest.mark.parametrize(("rows", "first"), [
@@ -250,7 +271,7 @@ def test_what_a_dead_process_left_says_how_old_it_is() -> None:
 def test_a_remedy_that_a_problem_names_is_not_repeated() -> None:
     hung = process("bloop", "not running: hung for 5.0 s, killed; where: trocar logs bloop", "user")
     assert first_thing([hung], []).endswith("where: trocar logs bloop: trocar start bloop")
-    own = "pushes no more: power was lost; again: trocar send box keep_in 1"
+    own = "stopped: power was lost; again: trocar send box keep_in 1"
     assert first_thing([process("box", own, "user")], []) == f"box: {own}"
 
 
@@ -274,7 +295,6 @@ def test_the_next_step_leads_to_teleoperation() -> None:
 def test_a_filter_whose_host_died_is_no_third_party_program() -> None:
     dead = dataclasses.replace(process("speed", "dead", "user", ""), host="lab", lives=False)
     assert first_thing([dead], []).startswith("speed is dead: trocar restart lab")
-
 
 
 def test_what_waits_for_a_silent_process_is_not_well() -> None:
@@ -352,8 +372,10 @@ def test_what_the_scheduler_refused_is_said_once_with_where_the_remedy_is(kinema
 def test_a_fault_comes_before_what_is_wrong_with_the_recorder_and_after_a_dead_arm() -> None:
     fault = Standing("PSM1", "arm", "FAULT", False, "PSM1: power was lost")
     recorder, arm = process("recorder", "the disk is full", "recorder"), process("PSM2", "dead")
-    assert first_thing([recorder], [fault]).startswith("PSM1: power was lost")
+    slow = process("PSM1", "runs at 440.1 Hz instead of 1500")
+    assert first_thing([recorder, slow], [fault]).startswith("PSM1: power was lost")
     assert first_thing([recorder, arm], [fault]).startswith("PSM2 is dead")
+    assert first_thing([recorder, slow], []).startswith("PSM1: runs at 440.1 Hz")
     assert first_thing([recorder], []).startswith("recorder: the disk is full")
 
 

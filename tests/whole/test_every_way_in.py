@@ -12,6 +12,7 @@ import pytest
 
 from tests.conftest import World
 from trocar.procs.crtk.calls import Calls, CommandOwner
+from trocar.procs.crtk.last_look import LastLook
 from trocar.procs.crtk.messages import WrongMessage
 from trocar.procs.document.bridges import Rights, RosBridge
 from trocar.procs.gui.browsers import Browsers, ConsoleService
@@ -156,7 +157,7 @@ def test_ros_lets_through_what_it_may_power(world: World, kind: str, box: Mailbo
     refusals: Any = SimpleNamespace(say=lambda to, text: said.append(to))
     absent: Any = None
     commands = Commands(participant, world.name, [Addressee(OWNER, kind)], RosBridge(may_power=may_power), refusals,
-                        joints=lambda view: absent)
+                        joints=lambda view: absent, last_look=LastLook(int), refuse_move=lambda to: None)
     for row, text, values in cases(kind):
         if row.ros is None:
             continue

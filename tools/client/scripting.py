@@ -213,4 +213,4 @@ def _of(kind: type[A], found: Arm) -> A:
     if isinstance(found, kind):
         return found
     found.close()
-    raise Problem(f"{found.name} is no {kind.__name__.upper()}, it is a {type(found).__name__.upper()}")
+    raise Problem(f"{found.name} is not of type {kind.__name__.upper()}; its type is {type(found).__name__.upper()}")

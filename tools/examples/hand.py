@@ -37,7 +37,8 @@ class Hand(Closable):
     """A hand at the master of a teleoperation; a context manager that releases it.
 
     It acts on one operator's command that enables teleoperation. If following ends except by the clutch, or a fault
-    occurs, it releases master and pedals, and does nothing until such a command is given again.
+    occurs, it releases master and pedals, and does nothing until such a command is given again, or another foot presses
+    the pedal while teleoperation is enabled.
     """
 
     def __init__(self, system: str, seat: OperatorSim, teleop: SimTeleop) -> None:
@@ -51,7 +52,7 @@ class Hand(Closable):
         self._seen = SeenRecord(system, self.master, "arm")
         self._asked = 0
         """Number of the command it works on."""
-        self._at_work = self._has_followed = self._at_pedals = self._holds = False
+        self._at_work = self._has_followed = self._at_pedals = self._holds = self._is_present = False
         self._opened: float | None = None
         """The gripper's angle before it was pinched; None: it is not."""
         self._pinch_ns = 0
@@ -85,7 +86,9 @@ class Hand(Closable):
         """Whether there is a command to work on; returns whether it follows by it."""
         console, follows = self._seat.console, self._teleop.is_following
         asked = int(console.value("origin")) if console.value("teleop_enabled") else 0
-        if asked != self._asked:
+        was_present, self._is_present = self._is_present, bool(console.value("operator_present"))
+        by_another_foot = self._is_present and not (was_present or self._at_pedals)
+        if asked != self._asked or by_another_foot:
             self._asked, self._at_work, self._has_followed = asked, asked != 0, False
         self._has_followed |= follows
         # behind a clutch the teleoperation still knows that the master is held by hand

@@ -70,7 +70,7 @@ class HealthWatch:
         late = [process.said for process in unwell if process.problem in (SILENT, STALLED)]
         problems = [f"{instance}: {text}" if instance else text for text, instance in self.errors.items()]
         problems += [process.said for process in unwell if process.problem not in (SILENT, STALLED)]
-        problems += [f"{row['name']} ended and was started again" for row in processes if row["restarts"]]
+        problems += [f"process {row['name']} ended, and was started again" for row in processes if row["restarts"]]
         if rate < FEWER * nominal:
             late.append(f"{self._io} ran at {rate:.0f} Hz instead of {nominal:.0f}")
         return {

@@ -40,7 +40,7 @@ NOT_ATTACHED, DETACHED = "NOT ATTACHED", "DETACHED"
 SHOWN_OF_OTHERS = {"CREATED": NOT_ATTACHED, "RUNNING": "ATTACHED", "STOPPED": DETACHED}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "restarts", "problem")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "restarts")
-BEGINNING = ("CREATED", "STARTING", "RESTARTING")
+BEGINNING = ("CREATED", "STARTING", "RESTARTING", "FAILED")  # failed: the supervisor may not know yet
 SENTENCES = {DEAD: "{} is dead", STALLED: "{} is stalled", SILENT: "{} is silent", FAILED: "{} failed",
              NOT_RUNNING: "{} is not running", STOPPED: "{} is stopped"}
 """For problems that are a word; all others are a process's own report."""
@@ -55,6 +55,7 @@ GONE = "gone from shared memory"
 PAGE_GONE = f"its control page is {GONE}"
 SLOW_TIME = 0.02
 """Simulated over real time; a busy machine alone does not make it so slow."""
+STANDS_S = 0.5
 LOOKS = 20
 EVERY_S = 0.01
 NEARLY_ALWAYS = 0.8
@@ -127,15 +128,32 @@ class ProcessStatus:
         return self.state in BEGINNING and self.lifecycle != "STOPPED" and bool(self.lifecycle or self.lives)
 
     @property
+    def begins_again(self) -> bool:
+        """Whether it is not up yet after it has ended by itself."""
+        return self.begins and bool(self.exit_reason) and not is_meant(self.exit_reason)
+
+    @property
     def moves_the_robot(self) -> bool:
         """Whether arms cannot move as they should without the process; other processes record, show, or forward."""
         return self.kind in (SUPERVISOR, "", *IN_TIME, *THIRD_PARTY)
 
     @property
+    def word(self) -> str:
+        """Its problem as a key of SENTENCES; empty: none, or its own report, which may begin with such a word."""
+        word = self.problem.partition(":")[0]
+        is_report = self.lives and self.state == "RUNNING" and word != self.problem
+        return word if word in SENTENCES and not is_report else ""
+
+    @property
+    def works(self) -> bool:
+        """Whether it works, if slowly or with a problem that it reports itself."""
+        return self.lives and not self.word and not self.problem.endswith(GONE)
+
+    @property
     def said(self) -> str:
         """Its problem in a sentence; empty: it has none."""
-        word = self.problem.partition(":")[0]
-        said = SENTENCES.get(word, f"{{}}: {word}").format(self.name) + self.problem[len(word):] if word else ""
+        word = self.word
+        said = SENTENCES.get(word, "{}: ").format(self.name) + self.problem[len(word):] if self.problem else ""
         is_of_this_end = not self.lives and self.lifecycle != "RUNNING"  # else of an earlier process
         ended = f" ({self.exit_reason})" if self.exit_reason and is_of_this_end and word not in SAYS_WHY else ""
         return f"{said}{ended}" if said else ""
@@ -164,8 +182,7 @@ def statuses(system: str) -> list[ProcessStatus]:
     if found[0].state != "RUNNING":  # it is being stopped as a whole
         return found
     slow, speed = _waited_for(system) if simulated else ("", 1.0)
-    said = f"its cycles take so long that simulated time runs at {speed:.3f} of real time"
-    found = [dataclasses.replace(one, problem=said) if one.name == slow and not one.problem else one for one in found]
+    found = _in_slow_time(found, slow, speed) if slow else found
     return [dataclasses.replace(one, problem=STOPPED) if _is_stopped(one, rows) else one for one in found]
 
 
@@ -179,6 +196,16 @@ def _lost_of(page: ControlPage, there: Collection[str]) -> str:
     topics |= set(OF_THE_SYSTEM) if page.instance == SUPERVISOR else set()
     lost = sorted(topics - set(there))
     return f"its {', '.join(lost)} {'is' if len(lost) == 1 else 'are'} {GONE}" if lost else ""
+
+
+def _in_slow_time(found: list[ProcessStatus], slow: str, speed: float) -> list[ProcessStatus]:
+    """With the problem of the process that time waits for; while it is silent, time stands, and nothing has a rate."""
+    silent_s = next((one.silent_s or 0.0 for one in found if one.name == slow), 0.0)
+    said = f"its cycles take so long that simulated time runs at {speed:.3f} of real time"
+    if silent_s > STANDS_S:
+        said = f"silent for {silent_s:.1f} s; simulated time waits for it"
+        found = [dataclasses.replace(one, rate_hz=None) if one.kind in PACED else one for one in found]
+    return [dataclasses.replace(one, problem=said) if one.name == slow and not one.problem else one for one in found]
 
 
 def _waited_for(system: str) -> tuple[str, float]:
@@ -308,9 +335,9 @@ def _restarted_s(page: ControlPage, ledger: dict[str, Any]) -> float | None:
 
 def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool, exit_reason: str,
              lifecycle: str) -> str:
-    if state == "FAILED":
+    if state == "FAILED" and (lives_on or lifecycle in ("STOPPED", "")):
         return f"{FAILED}: {plain(page.get('error'))}"
-    if not lives_on and lifecycle == "RESTARTING":
+    if not lives_on and (lifecycle == "RESTARTING" or (lifecycle == "RUNNING" and state in ("CREATED", "FAILED"))):
         return ""
     if not lives_on:
         ended_by_itself = lifecycle == "STOPPED" and row.on_exit == "restart" and not is_meant(exit_reason)

@@ -25,7 +25,6 @@ from trocar.tools.inspect.processes import (
     GONE,
     NOT_ATTACHED,
     NOT_RUNNING,
-    SENTENCES,
     SILENT,
     STALLED,
     STOPPED,
@@ -35,7 +34,10 @@ from trocar.tools.output.printing import plain, span
 from trocar.tools.systems.processes import SUPERVISOR, commissioning
 
 FAULT, ON, OFF = "FAULT", "teleoperation on", "teleoperation off"
-FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
+FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "stamp_ns", "monotonic_ns",
+              "local_ns")
+UNWRITTEN = "SIGKILL", "SIGSTOP"  # a process ended by these has no time to write to its log
+CAUSED_NS, SEEN_LATER_NS = 3_000_000_000, 500_000_000
 NEVER = "–"  # nothing published yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
@@ -93,14 +95,23 @@ def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]
 
 
 def _with_what_is_left(one: Standing, process: ProcessStatus, processes: Sequence[ProcessStatus]) -> Standing:
-    """For an arm whose io was silent: the remaining steps, with the name of that io."""
-    if one.fault is None or one.fault["code"] != IO_TIMEOUT.code:
+    """For an arm whose io was silent, or whose emulated boards ended: the cause and the remaining steps."""
+    if one.fault is None:
         return one
     ios = [row for row in processes if row.kind == "io" and row.name in process.after]
-    away = [row.name for row in ios if row.state != "RUNNING" or row.problem]
+    causes = ios if one.fault["code"] == IO_TIMEOUT.code else [
+        row for row in processes if row.kind == "boards" and _ended_before(row, int(one.fault["stamp_ns"]))]
+    if not causes:
+        return one
+    away = [row.name for row in causes if row.state != "RUNNING" or row.problem]
     first = f"wait until {away[0]} is back, or trocar start {away[0]}; then " if away else ""
-    why = [f"{row.name} ended: {row.exit_reason}; " for row in ios if not is_meant(row.exit_reason or DONE)]
+    why = [f"{row.name} ended: {row.exit_reason}; " for row in causes if not is_meant(row.exit_reason or DONE)]
     return dataclasses.replace(one, fault={**one.fault, "hint": f"{''.join(why)}{first}trocar home {one.name}"})
+
+
+def _ended_before(process: ProcessStatus, fault_ns: int) -> bool:
+    """Whether it ended so shortly before a fault that this is the cause; the supervisor sees an end a beat later."""
+    return any(-SEEN_LATER_NS <= fault_ns - past.stamp_ns <= CAUSED_NS for past in process.endings)
 
 
 def _untaken(process: ProcessStatus) -> str:
@@ -200,8 +211,8 @@ def _fault_ns(events: NDArray[Any] | None) -> int:
 
 def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     """The first step for a person, in a line; empty: all is well."""
-    unwell = [process for process in processes if process.problem]
-    first = next((process for process in unwell if process.moves_the_robot), None)
+    unwell = sorted((process for process in processes if process.problem), key=lambda one: not one.moves_the_robot)
+    first = next((one for one in unwell if one.moves_the_robot and not one.works), None)
     if first is not None:
         return _with_help(first)
     faults = sorted((one for one in found if one.is_fault), key=_cause_first)
@@ -214,11 +225,11 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
         return f"{what}{hint}{f'. Then: trocar home {others}' if others else ''}"
     if unwell:
         return _with_help(unwell[0])
-    again = next((process for process in processes if process.restarted_s is not None), None)
+    again = next((process for process in processes if process.restarted_s is not None or process.begins_again), None)
     if again is not None:
         times = f", {again.restarts} times in total" if again.restarts > 1 else ""
-        return (f"{again.name} was restarted {span(again.restarted_s or 0.0)} ago{times}: {again.exit_reason}; "
-                f"trocar logs {again.name} may say why")
+        since = "is not up yet" if again.begins else f"was restarted {span(again.restarted_s or 0.0)} ago{times}"
+        return f"{again.name} {since}: {again.exit_reason}{_logs(again, again.exit_reason)}"
     waiting = next((one for one in found if one.person), None)
     if waiting is not None:
         return f"{waiting.name} waits: {waiting.reason}"
@@ -252,15 +263,23 @@ def guide_of(processes: Sequence[ProcessStatus]) -> str:
 
 def _with_help(process: ProcessStatus) -> str:
     """Its problem and the command to type; a process that names the command itself needs no other."""
-    is_its_own = process.problem.partition(":")[0] not in SENTENCES and REMEDY in process.problem
+    is_its_own = not process.word and REMEDY in process.problem
     return process.said if is_its_own else f"{process.said}: {_help(process)}"
+
+
+def _logs(process: ProcessStatus, told: str) -> str:
+    """The log that may say why it ended, unless it is `told`."""
+    if f"trocar logs {process.name}" in told:
+        return ""
+    is_unwritten = any(word in process.exit_reason for word in UNWRITTEN)
+    return f"; trocar logs {'supervisor' if is_unwritten else process.name} may say why"
 
 
 def _help(process: ProcessStatus) -> str:
     """The command to type for a process with a problem."""
     name, problem = process.typed, process.problem
-    is_dead, logs = problem == DEAD or problem.startswith(FAILED), f"trocar logs {process.name}"
-    why = "" if logs in problem else f"; {logs} may say why"
+    is_dead, logs = process.word in (DEAD, FAILED), f"trocar logs {process.name}"
+    why = _logs(process, problem)
     if process.kind == SUPERVISOR or problem.endswith(GONE):
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
     if process.host:
@@ -270,8 +289,10 @@ def _help(process: ProcessStatus) -> str:
         return f"it is a third-party program; {end}start it again"
     if problem == STOPPED:
         return f"trocar start {name}"
-    if is_dead or problem.startswith(NOT_RUNNING):
-        first = " once its cause is removed" if problem.startswith(FAILED) else ""
+    if is_dead and process.lifecycle == "RUNNING":
+        return "wait until the supervisor sees its end"
+    if is_dead or process.word == NOT_RUNNING:
+        first = " once its cause is removed" if process.word == FAILED else ""
         return f"trocar start {name}{first}{why}"
     return f"trocar restart {name}" if problem == STALLED else logs
 

@@ -177,7 +177,8 @@ class InspectorApp(App[None]):
             ago = (monotonic_ns() - self.frozen_ns) * 1e-9
             at = time_of_day(local_ns() - round(ago * 1e9)).partition(".")[0]
             head.append(f"  FROZEN at {at}, {span(ago)} ago (f: resume)", f"bold {colours.warning}")
-        head.append(f"  {seen.words}", colours.good if seen.lives else f"bold {colours.bad}")
+        head.append(f"  {seen.words}", colours.good if seen.lives and seen.stalled_s is None else (
+            f"bold {colours.bad}"))
         head.append(f"  clock {seen.clock}" if seen.lives else "")
         head.append("\n" + seen.first,
                     colours.good if seen.is_well else colours.warning)

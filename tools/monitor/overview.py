@@ -10,7 +10,7 @@ from trocar.shm.memory.segment import SegmentError, path_of, segment_name
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.system_time import SystemTime
-from trocar.tools.inspect.processes import ProcessStatus, statuses
+from trocar.tools.inspect.processes import STALLED, ProcessStatus, statuses
 from trocar.tools.inspect.replayed import clock_in_words
 from trocar.tools.inspect.standing import Standing, first_thing, in_a_line, standings
 from trocar.tools.output.printing import span
@@ -35,10 +35,15 @@ class Overview:
         return self.supervisor == "RUNNING"
 
     @property
+    def stalled_s(self) -> float | None:
+        """Time since the last heartbeat of a supervisor that lives, but is stalled; None: it is not."""
+        return next((one.silent_s for one in self.processes if one.name == SUPERVISOR and one.problem == STALLED), None)
+
+    @property
     def words(self) -> str:
         """The supervisor, in words."""
         if self.lives:
-            return "supervisor runs"
+            return "supervisor runs" if self.stalled_s is None else f"supervisor stalled for {span(self.stalled_s)}"
         if self.supervisor == "gone":
             return "is down, its memory removed: waiting until it is up again"
         since = f" for {span(self.dead_s)}" if self.dead_s is not None else ""

@@ -97,8 +97,8 @@ def print_once(system: str) -> None:
     table("", (*COLUMNS[:-1], "CPU %", "MB", COLUMNS[-1]),
           [(*cells(row.status)[:-1], number(row.cpu_percent), number(row.memory_mb, ".0f"), row.status.problem)
            for row in shot.processes], (*RIGHT, "CPU %", "MB"))
-    table("topics", ("topic", "declared", "Hz", "longest ms", "age", "problem"), rates,
-          ("declared", "Hz", "longest ms", "age"))
+    table("topics", ("topic", "nominal", "Hz", "longest ms", "age", "problem"), rates,
+          ("nominal", "Hz", "longest ms", "age"))
     table("commands, newest first", ("at", "asked", "for", "outcome", "whose", "reason"), asked)
 
 

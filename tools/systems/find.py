@@ -23,8 +23,13 @@ from trocar.shm.memory.segment import (
     start_time,
     unlink,
 )
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.processes import SUPERVISOR, RunningProcess, running
+
+STALLED_NS = 1_000_000_000  # the supervisor beats every 20 ms
+LOOK_AGAIN_S = 0.1
 
 
 def environment() -> dict[str, str]:
@@ -77,8 +82,21 @@ def is_up(system: str) -> bool:
 
 
 def orphaned(system: str) -> str:
-    """Why no part of a system restarts by itself, and the command that restarts it; empty: it has a supervisor."""
-    return "" if is_up(system) else "the supervisor is dead; trocar up FILE starts the system again"
+    """Why no part of a system restarts by itself, and the command that restarts it; empty: its supervisor works."""
+    if not is_up(system):
+        return "the supervisor is dead; trocar up FILE starts the system again"
+    again = "trocar down; then trocar up FILE starts the system again"
+    return f"the supervisor is stalled: {again}" if _stalls(system) else ""
+
+
+def _stalls(system: str) -> bool:
+    """Whether the heartbeat of the supervisor is old, also at a second look: after a suspend all are old."""
+    with contextlib.suppress(SegmentError), contextlib.closing(ControlPage(system, SUPERVISOR)) as page:
+        beat = int(page.get("heartbeat_ns"))
+        if beat and monotonic_ns() - beat > STALLED_NS:
+            pause(LOOK_AGAIN_S)
+            return int(page.get("heartbeat_ns")) == beat
+    return False
 
 
 def those_up(known: Iterable[str]) -> list[str]:

@@ -51,7 +51,7 @@ def list_topics(
     else:
         rows = [(e.name, f"{e.kind} {e.simulation}".rstrip(), number(e.rate_hz or None, "g"), _names(e), e.problem)
                 for e in entries]
-        table("", ("topic", "kind", "Hz", "fields", "problem"), rows, right=("Hz",))
+        table("", ("topic", "kind", "nominal Hz", "fields", "problem"), rows, right=("nominal Hz",))
 
 
 def _names(entry: TopicEntry) -> str:

@@ -57,6 +57,13 @@ def test_a_dead_supervisor_is_told_with_the_time_since(played: ScriptedRobot) ->
     assert seen.first.startswith("first: supervisor is dead: trocar up")
 
 
+def test_a_stalled_supervisor_is_told_with_the_time_since(played: ScriptedRobot) -> None:
+    played.pages["supervisor"].field("heartbeat_ns")[...] = monotonic_ns() - 12_000_000_000
+    assert re.fullmatch(r"supervisor stalled for 1\d s", overview.overview(played.name).words)
+    stalled = run(played, "attach", "--once").stdout.splitlines()[0]
+    assert re.search("supervisor stalled for 1. s", stalled) and "supervisor runs" not in stalled
+
+
 def test_a_system_that_is_gone_is_waited_for(world: World) -> None:
     seen = overview.overview(world.name)
     assert seen.supervisor == "gone" and "waiting until it is up again" in seen.words and not identity_of(world.name)
@@ -90,7 +97,7 @@ def test_processes_show_what_they_use_and_how_long_they_are_silent(played: Scrip
     assert row.state == "dead 12 s" and row.is_gone and row.cpu_percent is None and "problem: dead" in row.details()
 
 
-def test_topics_show_declared_and_real_rate_and_age(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_topics_show_nominal_and_real_rate_and_age(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("trocar.tools.monitor.topics.WINDOW_NS", 60_000_000_000)
     stamp = monotonic_ns() + 10_000_000_000  # not old, however long we have no core
     played.arm.publish(stamp - 1_000_000)
@@ -269,7 +276,7 @@ def test_without_a_terminal_it_is_printed_once(played: ScriptedRobot) -> None:
     played.events.status("PSM1: HOMED", "PSM1")
     shown = run(played, "attach")
     assert shown.exit_code == 0 and "supervisor runs" in shown.stdout and "PSM1: HOMED" in shown.stdout
-    assert "declared" in shown.stdout and "\x1b" not in shown.stdout
+    assert "nominal" in shown.stdout and "\x1b" not in shown.stdout
     assert run(played, "attach", "--once", "--json").exit_code == 2
 
 

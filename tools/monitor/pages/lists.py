@@ -73,10 +73,10 @@ class TopicChosen(Message):
 
 
 class TopicsPage(InspectorPage):
-    """Every record with declared and real rate, and the views on it."""
+    """Every record with nominal and real rate, and the views on it."""
 
     TITLE = "topics"
-    COLUMNS = (Head("topic", 20), Head("declared", 9, True), Head("Hz", 7, True), Head("longest ms", 10, True),
+    COLUMNS = (Head("topic", 20), Head("nominal", 9, True), Head("Hz", 7, True), Head("longest ms", 10, True),
                Head("age", 7, True), Head("lost", 5, True), Head("records", 12, True, True),
                Head("problem", 0))
     DETAILS = 2
