@@ -156,9 +156,11 @@ def test_ros_lets_through_what_it_may_power(world: World, kind: str, box: Mailbo
     said: list[str] = []
     refusals: Any = SimpleNamespace(say=lambda to, text: said.append(to))
     absent: Any = None
+    last_look = LastLook(int)
     commands = Commands(participant, world.name, [Addressee(OWNER, kind)], RosBridge(may_power=may_power), refusals,
-                        joints=lambda view: absent, last_look=LastLook(int), refuse_move=lambda to: None)
+                        joints=lambda view: absent, last_look=last_look, refuse_move=lambda to: None)
     for row, text, values in cases(kind):
+        last_look.look()
         if row.ros is None:
             continue
         taken = Taken(SimpleNamespace, lambda _, values=values: values,  # type: ignore[arg-type]
