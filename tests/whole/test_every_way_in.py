@@ -156,7 +156,8 @@ def test_ros_lets_through_what_it_may_power(world: World, kind: str, box: Mailbo
     said: list[str] = []
     refusals: Any = SimpleNamespace(say=lambda to, text: said.append(to))
     absent: Any = None
-    last_look = LastLook(int)
+    faults = Faults(world.name)
+    last_look = LastLook(faults.generation)
     commands = Commands(participant, world.name, [Addressee(OWNER, kind)], RosBridge(may_power=may_power), refusals,
                         joints=lambda view: absent, last_look=last_look, refuse_move=lambda to: None)
     for row, text, values in cases(kind):
@@ -172,6 +173,7 @@ def test_ros_lets_through_what_it_may_power(world: World, kind: str, box: Mailbo
         said.clear()
         commands.hear()
     commands.close()
+    faults.close()
 
 
 @pytest.mark.parametrize("has_control", [False, True])
