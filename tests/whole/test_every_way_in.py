@@ -16,6 +16,7 @@ from trocar.procs.crtk.last_look import LastLook
 from trocar.procs.crtk.messages import WrongMessage
 from trocar.procs.document.bridges import Rights, RosBridge
 from trocar.procs.gui.browsers import Browsers, ConsoleService
+from trocar.procs.ros_bridge import carrying_out
 from trocar.procs.ros_bridge.carrying_out import Addressee, AskedTopic, Commands
 from trocar.procs.ros_bridge.incoming import CommandTopic, Taken
 from trocar.shm.commands import COMMANDS
@@ -149,7 +150,9 @@ def test_the_socket_lets_through_what_its_rights_allow(world: World, kind: str, 
 
 
 @pytest.mark.parametrize("may_power", [False, True])
-def test_ros_lets_through_what_it_may_power(world: World, kind: str, box: Mailbox, may_power: bool) -> None:
+def test_ros_lets_through_what_it_may_power(
+        world: World, kind: str, box: Mailbox, may_power: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(carrying_out, "JOINING_NS", 0)  # streams begin at once
     writer = SimpleNamespace(participant_key=uuid4())
     participant: Any = SimpleNamespace(reader=lambda *_: SimpleNamespace(writer=lambda handle: writer))
     message = SimpleNamespace(sample_info=SimpleNamespace(publication_handle=1))
