@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.io.arm_requests import DesiredCommand
+from trocar.procs.io.assemble import BoardParts, Parts
 from trocar.procs.io.bus.transport import PortError
-from trocar.procs.io.devices import BoardDevices, Devices
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.record import Flags
 from trocar.procs.node.fault_report import fault_of
@@ -31,12 +31,12 @@ MAX_POWERING: Final = 16  # requests of one robot that wait for power at the sam
 class IoCommands:
     """Carries out commands; power and bias answer again when they are finished."""
 
-    def __init__(self, devices: Devices) -> None:
-        self._robots, self._record, self._reports = devices.robots, devices.record, devices.reports
-        self._follow, self._pid, self._power, self._brakes = devices.follow, devices.pid, devices.power, devices.brakes
-        self._faults, self._desired = devices.faults, devices.desired
-        self._boards = boards = devices.boards
-        self._names = {"robot": devices.robots.names, "output": boards.outputs.names if boards else (),
+    def __init__(self, parts: Parts) -> None:
+        self._robots, self._record, self._reports = parts.robots, parts.record, parts.reports
+        self._follow, self._pid, self._power, self._brakes = parts.follow, parts.pid, parts.power, parts.brakes
+        self._faults, self._desired = parts.faults, parts.desired
+        self._boards = boards = parts if isinstance(parts, BoardParts) else None
+        self._names = {"robot": parts.robots.names, "output": boards.digital_outputs.names if boards else (),
                        "instrument reader": boards.instruments.names if boards else ()}
         self._powering: list[tuple[int, Request]] = []
         self._biasing: list[tuple[int, Flags, Request]] = []  # robot, flags that show completion, request
@@ -129,8 +129,8 @@ class IoCommands:
             raise CommandRefused(f"no {kind} {name!r} here; there are: {', '.join(names) or 'none'}")
         return names.index(name)
 
-    def _on_boards(self, else_why: str) -> BoardDevices:
-        """The devices that only robots on boards have; KINEMATIC ones refuse with `else_why`."""
+    def _on_boards(self, else_why: str) -> BoardParts:
+        """The parts that only robots on boards have; KINEMATIC ones refuse with `else_why`."""
         if self._boards is None:
             raise CommandRefused(f"it is KINEMATIC: {else_why}")
         return self._boards
@@ -144,7 +144,7 @@ class IoCommands:
 
     def _free_outputs(self, output: int) -> DigitalOutputs:
         """The outputs, if io does not set this one by itself."""
-        outputs = self._on_boards("there are no outputs").outputs
+        outputs = self._on_boards("there are no outputs").digital_outputs
         owner = outputs.owner(output)
         if owner and not self._robots.io.calibration_mode:
             raise CommandRefused(f"only io sets it: use {owner}, or start in calibration mode")

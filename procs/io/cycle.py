@@ -8,45 +8,24 @@ After the watchdog time it is a fault: joint controllers and power go off.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.document.system import IoConfig
-from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
-from trocar.procs.io.axis_drive import AxisDrive
-from trocar.procs.io.bias import Bias
-from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.assemble import IoContext, on_boards
 from trocar.procs.io.bus.bus_port import BusPort
-from trocar.procs.io.buttons import Buttons
-from trocar.procs.io.cart_outputs import CartOutputs, SetupBrakes
 from trocar.procs.io.commands import IoCommands
-from trocar.procs.io.devices import BoardDevices, Devices
-from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.fault_handler import FaultHandler
-from trocar.procs.io.gains import JointGains, configured_gains
 from trocar.procs.io.halves import Halves
-from trocar.procs.io.instruments import InstrumentReaders
-from trocar.procs.io.outputs import Outputs
-from trocar.procs.io.pid import Pid
-from trocar.procs.io.power import Power
-from trocar.procs.io.record import Field, Flags, IoRecord
-from trocar.procs.io.reports import IoReports, also
-from trocar.procs.io.robots import Robots, Samples
-from trocar.procs.io.safety import Safety
-from trocar.procs.io.setpoint_rings import RingSource
-from trocar.procs.io.setpoint_tracker import SetpointTracker
+from trocar.procs.io.record import Flags
+from trocar.procs.io.reports import also
 from trocar.procs.io.start import restore
-from trocar.procs.io.tasks import Tasks
 from trocar.procs.io.timing import Timing
-from trocar.procs.io.watchdogs import Watchdogs
 from trocar.procs.native.io_fields import CONTROLLED, LIMIT, MISSED, NOT_FINITE, SENT, STATUS, TRACKING
-from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
-from trocar.shm.mailbox.generations import NoFaults, OwnCell
 
 DEFAULT_AGE_NS: Final = 30_000_000  # permitted age of a sample where the watchdog is switched off
 MISSED_REPEAT_NS: Final = 1_000_000_000
@@ -66,52 +45,14 @@ def share_of(age_ns: int) -> float:
 class RobotIo:
     """All of io except shared memory. The caller empties `reports.events` after each cycle."""
 
-    def __init__(self, io: IoConfig, port: BusPort, now_ns: Callable[[], int], record: IoRecord,
-                 sources: Sequence[RingSource], preset: Flags | None = None, *,
-                 gains: Field | None = None, instruments: Field | None = None,
-                 cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
-                 over_ns: Callable[[], int] = lambda: FOR_EVER_NS,
-                 report: Callable[[DesiredCommand, str, str], None] | None = None) -> None:
-        """Write the watchdog periods.
-
-        `sources` is in the order of `io.pids`, `cells` in the order of `io.robots`. `preset` (axes,) marks the encoders
-        that are already set. `gains` and `instruments` return the fields of these records. `cells` hold the fault
-        generations of the robots; older commands are refused (shm/mailbox/generations.py). `is_over` says whether a
-        stall has interrupted this cycle, `over_ns` from which time on CLOCK_BOOTTIME that is so. `report` receives the
-        outcomes of the arms' desired states.
-        """
-        self.io, self.record, self.reports = io, record, IoReports()
-        self.port, self._now_ns = port, now_ns
-        self.robots = robots = Robots(io)
-        if robots.board_ids != tuple(port.board_ids):
-            raise ValueError(f"port has boards {port.board_ids}, the robots are on {robots.board_ids}")
-        record.restart()
-        record.encoder_set[...] = preset if preset is not None else False
-        self.samples = samples = Samples(robots, port, record)
-        self._brakes = Brakes(robots, record)
-        self.outputs = Outputs(robots, port, record, self._brakes)
-        self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
-            record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
-            record.disturbance, record.effort_mode))
-        self._watchdogs = Watchdogs(robots, port, self.reports, now_ns())
-        self.power = Power(robots, port, record, self.outputs, self.reports, samples, self._brakes, self._watchdogs)
-        self.gains = JointGains(robots, samples, self.pid, self.reports, gains)
-        self.safety = Safety(robots, samples, record, self.reports)
-        self.follow = SetpointTracker(io, robots, samples, self.pid, record, self.reports, sources)
-        self._bias = Bias(robots, port, samples, record, self.reports, self.follow.encoders_set)
-        self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
-        self.digital_outputs = DigitalOutputs(robots, port, record, self.reports)
-        self.instruments = InstrumentReaders(robots, port, self.reports, instruments)
-        self._setup_brakes = SetupBrakes(robots, record, self.digital_outputs, self.reports)
-        self._cart = CartOutputs(robots, record, self.digital_outputs)
-        self.buttons = Buttons(robots, port, record, self.reports)
-        self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
-        cells = cells or [NoFaults() for _ in robots.names]
-        self.desired = ArmRequests(robots, record, self.follow, report)
-        devices = Devices(robots, record, self.reports, self.follow, self.pid, self.power, self._brakes, self.desired,
-                          cells, BoardDevices(self._bias, self.safety, self.digital_outputs, self.gains,
-                                              self.instruments, self._axis_drive, self._cart, self._setup_brakes))
-        self._commands, self._fault_handler = IoCommands(devices), FaultHandler(devices)
+    def __init__(self, context: IoContext, port: BusPort, preset: Flags | None = None) -> None:
+        """See `on_boards`."""
+        self.io, self._now_ns = context.io, context.now_ns
+        self.parts = parts = on_boards(context, port, preset)
+        self.robots, self.record, self.reports, self.port = parts.robots, parts.record, parts.reports, port
+        self.samples, self.pid, self.follow, self.power = parts.samples, parts.pid, parts.follow, parts.power
+        self._commands, self._fault_handler = IoCommands(parts), FaultHandler(parts)
+        io, robots, record, now_ns = context.io, parts.robots, parts.record, context.now_ns
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
@@ -121,7 +62,7 @@ class RobotIo:
         self._before_ns = self._good_ns
         period_ns = io.period_s * 1e9
         self._gap_ns, self._stable_ns = period_ns, max(STABLE_NS, PERIODS * period_ns)
-        self.halves = Halves(self, is_over, over_ns, (self._oldest_ns, float(self._stable_ns), float(GAPS)))
+        self.halves = Halves(parts, context, (self._oldest_ns, float(self._stable_ns), float(GAPS)))
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)
@@ -150,7 +91,7 @@ class RobotIo:
         news = self.halves.track(read_ns)
         if news & ~self.follow.desired_bit:
             self.follow.receive(read_ns, news)
-        self.desired.has_news = news >= self.follow.desired_bit and self.desired.are_new()
+        self.parts.desired.has_news = news >= self.follow.desired_bit and self.parts.desired.are_new()
         wake_ns = 0 if commands or self._is_busy() else self.power.wake_ns
         bits = self.halves.receive_and_check(self._good_ns, wake_ns, self._gap_ns)
         self.good = good = not bits & MISSED
@@ -170,19 +111,19 @@ class RobotIo:
             bits = self.halves.control_and_send(share, good and not bits & CONTROLLED)
         if bits & NOT_FINITE:
             self._not_finite(now_ns)
-        self._setup_brakes.step(now_ns)
-        self._cart.step(now_ns)
+        self.parts.setup_brakes.step(now_ns)
+        self.parts.cart.step(now_ns)
         self._show(good, read_ns, now_ns)
-        self.digital_outputs.step()
-        if self.instruments.running:
-            self.instruments.step(good, now_ns)
+        self.parts.digital_outputs.step()
+        if self.parts.instruments.running:
+            self.parts.instruments.step(good, now_ns)
 
     def _is_busy(self) -> bool:
         """Whether something besides the sample can have an effect in this cycle."""
-        power, safety = self.power, self.safety
-        return bool(not self._is_whole or self._tasks or self.desired.has_news or self._commands.waits
+        parts, power, safety = self.parts, self.power, self.parts.safety
+        return bool(not self._is_whole or parts.tasks or parts.desired.has_news or self._commands.waits
                     or self.reports.trips or power.changed or safety.counting or safety.set_encoder_zero
-                    or self._brakes.busy or self._bias.running or self._axis_drive.running or self._watchdogs.busy)
+                    or parts.brakes.busy or parts.bias.running or parts.axis_drive.running or parts.watchdogs.busy)
 
     def _decide(self, bits: int, commands: Iterable[Request], now_ns: int) -> None:
         """What to do about the sample and the commands, before the joint controllers."""
@@ -198,22 +139,21 @@ class RobotIo:
         self._commands.answer()  # only now: a fault in this cycle may have undone a command
         if not good:
             return
-        if self._tasks is not None:
-            self._tasks.step(now_ns)
-        if bits & TRACKING or commands or self.desired.has_news:  # which may have changed the tolerances
+        if self.parts.tasks is not None:
+            self.parts.tasks.step(now_ns)
+        if bits & TRACKING or commands or self.parts.desired.has_news:  # which may have changed the tolerances
             self._judge_tracking()
         if self.reports.trips:
             self._fault_handler.act(now_ns)
-        self._axis_drive.step(now_ns)
+        self.parts.axis_drive.step(now_ns)
 
     def _look(self, bits: int, now_ns: int) -> None:
         """Examine the news of a good sample."""
         if self._lost:
             self._lost = False
             self.reports.status("communication with the controllers restored")
-            back = ~self.port.away
-            self._bias.forget(restore(self.robots, self.port, self._watchdogs, self.digital_outputs, back, now_ns))
-        power, safety = self.power, self.safety
+            self._restore(~self.port.away, now_ns)
+        power, safety = self.power, self.parts.safety
         if bits & STATUS or now_ns >= power.wake_ns:
             power.step(now_ns)
         is_beyond = bits & LIMIT
@@ -224,15 +164,15 @@ class RobotIo:
         if is_beyond or safety.counting:
             safety.examine(now_ns)
         for robot in safety.set_encoder_zero:
-            self._bias.zero(robot)
+            self.parts.bias.zero(robot)
         safety.set_encoder_zero.clear()
         for robot in power.not_preloaded:
             if not self.record.pid_enabled[robot]:  # else its amplifiers, now off, cause a fault first
-                self._bias.zero(robot)
+                self.parts.bias.zero(robot)
         power.not_preloaded.clear()
-        self._brakes.step((now_ns - self._before_ns) * 1e-9)
-        self._bias.step()
-        self._watchdogs.step(now_ns)
+        self.parts.brakes.step((now_ns - self._before_ns) * 1e-9)
+        self.parts.bias.step()
+        self.parts.watchdogs.step(now_ns)
 
     def _show_validity(self, good: bool, now_ns: int) -> None:
         """Show the robots sampled in this cycle; report and switch off those with a board that is away."""
@@ -275,11 +215,16 @@ class RobotIo:
         for robot, boards in enumerate(robots.on_board):
             if (boards & left).any():
                 self._trip_away(robot)
-        self._bias.forget(restore(robots, self.port, self._watchdogs, self.digital_outputs, back, self._now_ns()))
+        self._restore(back, self._now_ns())
         for row in np.flatnonzero(back).tolist():
             self.reports.status(f"board {ids[row]} is back", self.io.name)
         for row in np.flatnonzero(left & ~robots.on_board.any(axis=0)).tolist():  # it has only inputs and outputs
             self.reports.warn(codes.READ_MISSED, self.io.name, boards=(ids[row],))
+
+    def _restore(self, boards: Flags, now_ns: int) -> None:
+        """Restore the settings of boards that return, and forget the encoders that these have lost."""
+        parts = self.parts
+        parts.bias.forget(restore(self.robots, self.port, parts.watchdogs, parts.digital_outputs, boards, now_ns))
 
     def _missed(self, now_ns: int) -> None:
         """A bad read: tolerated for the watchdog time; no robot gets power until the next good one."""
@@ -335,8 +280,8 @@ class RobotIo:
         if counters.stray != self._strays:
             self._strays = counters.stray
             self._report_stranger(now_ns)
-        if good and (self.halves.show() or self.buttons.debounce.is_first):
-            self.buttons.settle((now_ns - self._before_ns) * 1e-9)
+        if good and (self.halves.show() or self.parts.buttons.debounce.is_first):
+            self.parts.buttons.settle((now_ns - self._before_ns) * 1e-9)
         self._cycles += 1
         record.cycle[...] = self._cycles
         record.read_ns[...] = read_ns
@@ -368,13 +313,13 @@ class RobotIo:
         """
         self.pid.effort.fill(0.0)
         for _ in range(FAREWELLS):
-            self.outputs.all_off()
-            self.outputs.encode(1.0)
+            self.parts.outputs.all_off()
+            self.parts.outputs.encode(1.0)
             self.port.write_all()
-            self.outputs.written()
-        self._setup_brakes.shutdown()
-        self._cart.shutdown()
-        self.digital_outputs.shutdown()
+            self.parts.outputs.written()
+        self.parts.setup_brakes.shutdown()
+        self.parts.cart.shutdown()
+        self.parts.digital_outputs.shutdown()
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
             self.follow.enable(robot, False, now_ns)

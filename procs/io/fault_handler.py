@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from trocar.procs.io.devices import Devices
+from trocar.procs.io.assemble import BoardParts, Parts
 from trocar.procs.io.reports import IoEvent, IoFaultReport
 from trocar.procs.node import fault_report as faults
 from trocar.procs.tables import codes
@@ -18,14 +18,14 @@ POWERING: Final = (codes.POWER_TIMEOUT, codes.AMPLIFIER)
 class FaultHandler:
     """Handles all trips of `reports`, one after the other; consequent trips are added to them."""
 
-    def __init__(self, devices: Devices) -> None:
-        self._devices, self._robots, self._reports = devices, devices.robots, devices.reports
-        self._reported: list[set[tuple[int, int]]] = [set() for _ in devices.robots.names]
+    def __init__(self, parts: Parts) -> None:
+        self._parts, self._robots, self._reports = parts, parts.robots, parts.reports
+        self._reported: list[set[tuple[int, int]]] = [set() for _ in parts.robots.names]
         """Number and axis of the faults reported for each robot since its latch was cleared."""
 
     def act(self, now_ns: int) -> None:
         """Handle all trips found so far."""
-        trips, devices, record = self._reports.trips, self._devices, self._devices.record
+        trips, parts, record = self._reports.trips, self._parts, self._parts.record
         while trips:
             trip = trips.pop(0)
             robot, fault = trip.robot, trip.fault
@@ -39,15 +39,15 @@ class FaultHandler:
                 continue
             if not record.fault[robot]:
                 record.fault[robot] = fault.number
-            if devices.power.reached[robot] or fault not in POWERING:
-                devices.faults[robot].fault()
-            devices.desired.void(robot)
-            devices.follow.enable(robot, False, now_ns)
-            devices.brakes.engage(robot)  # the axes the joint controller no longer holds
+            if parts.power.reached[robot] or fault not in POWERING:
+                parts.faults[robot].fault()
+            parts.desired.void(robot)
+            parts.follow.enable(robot, False, now_ns)
+            parts.brakes.engage(robot)  # the axes the joint controller no longer holds
             if fault.action in (codes.POWER_OFF, codes.CUT):
-                if devices.boards is not None:
-                    devices.boards.bias.stop(robot)
-                devices.power.off(robot, open_relays=fault.action == codes.CUT)
+                if isinstance(parts, BoardParts):
+                    parts.bias.stop(robot)
+                parts.power.off(robot, open_relays=fault.action == codes.CUT)
                 for other in self._robots.sharing(robot):
                     if record.power_requested[other]:
                         self._reports.trip(codes.SHARED_BOARD, other)

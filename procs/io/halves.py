@@ -11,42 +11,37 @@ one write for all boards, they are then part of the native calls that receive an
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
+from trocar.procs.io.assemble import BoardParts, IoContext, Parts
 from trocar.procs.io.bus.exchange import ExchangeSettings
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import CONTROLLED, IO, LIMIT, MISSED, NOT_FINITE, SENT, STATUS, TRACK, TRACKING
 from trocar.procs.native.library import bind
 
-if TYPE_CHECKING:
-    from trocar.procs.io.cycle import RobotIo
-    from trocar.procs.io.kinematic import KinematicIo
-
 
 class Halves:
     """Both halves for one io."""
 
-    def __init__(self, core: RobotIo, is_over: Callable[[], bool], over_ns: Callable[[], int],
-                 uses: tuple[int, float, float], *, native: bool = True) -> None:
-        """`core` has the arrays, under the names of procs/native/io_fields.py. `is_over` says whether a stall has
-        interrupted this cycle, `over_ns` from which time on CLOCK_BOOTTIME that is so. `uses`: see ExchangeSettings.
+    def __init__(self, parts: BoardParts, context: IoContext, uses: tuple[int, float, float], *, native: bool = True
+                 ) -> None:
+        """`parts` have the arrays, under the names of procs/native/io_fields.py. `uses`: see ExchangeSettings.
         `native`: use the native library if there is one.
         """
-        self._port, self._outputs, self._samples, self._pid = core.port, core.outputs, core.samples, core.pid
-        self._power, self._safety = core.power, core.safety
-        self._digital_outputs, self._buttons = core.digital_outputs, core.buttons
-        self._is_over, self._over_ns = is_over, over_ns
-        self.bound = bind(IO, core) if native else "numpy is wanted"
+        self._port, self._outputs, self._samples, self._pid = parts.port, parts.outputs, parts.samples, parts.pid
+        self._power, self._safety = parts.power, parts.safety
+        self._digital_outputs, self._buttons = parts.digital_outputs, parts.buttons
+        self._is_over, self._over_ns = context.is_over, context.over_ns
+        self.bound = bind(IO, parts) if native else "numpy is wanted"
         """The arrays of the native library; or why it is not used."""
-        self.track, why = track(core)
+        self.track, why = track(parts)
         self.why_numpy = why
         """Why the native library is not used, at least for setpoints; empty: it is."""
         if isinstance(self.bound, BoundStruct):
             self.decode_and_check, self.control_and_encode, self.show = (  # type: ignore[method-assign]
                 self.bound.function(name) for name in IO.functions)
-            core.port.set_exchange(ExchangeSettings(self.bound, *uses))
+            parts.port.set_exchange(ExchangeSettings(self.bound, *uses))
         else:
-            self.track, self.why_numpy = numpy_track(core), self.bound
+            self.track, self.why_numpy = numpy_track(parts), self.bound
 
     def receive_and_check(self, good_ns: int, wake_ns: int, gap_ns: float) -> int:
         """Wait for the reply to `BusPort.ask_all`, and check it. 0, or bits:
@@ -104,17 +99,17 @@ class Halves:
         return self._buttons.watch()
 
 
-def track(core: RobotIo | KinematicIo) -> tuple[Callable[[int], int], str]:
+def track(parts: Parts) -> tuple[Callable[[int], int], str]:
     """The function that takes the present setpoints, and why it is numpy's, if it is.
 
     It returns bits of robots that `SetpointTracker.receive` must examine; see `everything` there.
     """
-    if core.follow.rings is None:
-        return numpy_track(core), "setpoints come from no ring"
-    bound = bind(TRACK, core)
-    return (numpy_track(core), bound) if isinstance(bound, str) else (bound.function("track"), "")
+    if parts.follow.rings is None:
+        return numpy_track(parts), "setpoints come from no ring"
+    bound = bind(TRACK, parts)
+    return (numpy_track(parts), bound) if isinstance(bound, str) else (bound.function("track"), "")
 
 
-def numpy_track(core: RobotIo | KinematicIo) -> Callable[[int], int]:
+def numpy_track(parts: Parts) -> Callable[[int], int]:
     """numpy: `SetpointTracker.receive` examines all arms."""
-    return lambda now_ns: core.follow.everything
+    return lambda now_ns: parts.follow.everything

@@ -12,28 +12,17 @@ time) are NaN. Differences, as in the reference:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
 
-from trocar.procs.document.system import IoConfig
-from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
-from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.assemble import IoContext, kinematic
 from trocar.procs.io.commands import IoCommands
-from trocar.procs.io.devices import Devices
 from trocar.procs.io.fault_handler import FaultHandler
-from trocar.procs.io.gains import JointGains, configured_gains
 from trocar.procs.io.halves import track
-from trocar.procs.io.pid import Pid
-from trocar.procs.io.power import KinematicPower
-from trocar.procs.io.record import Field, Flags, Floats, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots
-from trocar.procs.io.setpoint_rings import RingSource
-from trocar.procs.io.setpoint_tracker import SetpointTracker
+from trocar.procs.io.record import Flags, Floats, IoRecord
 from trocar.procs.node.requests import Request
-from trocar.shm.mailbox.generations import NoFaults, OwnCell
 
 MOVING_NS: Final = 20_000_000  # without a newer setpoint for this long, nothing moves
 
@@ -41,32 +30,16 @@ MOVING_NS: Final = 20_000_000  # without a newer setpoint for this long, nothing
 class KinematicIo:
     """Replaces `RobotIo` for robots without boards; the caller empties `reports.events` after each cycle."""
 
-    def __init__(self, io: IoConfig, now_ns: Callable[[], int], record: IoRecord, sources: Sequence[RingSource], *,
-                 gains: Field | None = None, cells: Sequence[OwnCell] = (),
-                 report: Callable[[DesiredCommand, str, str], None] | None = None) -> None:
-        """`sources` in the order of `io.pids`, `cells` of `io.robots`; `report` gets the outcomes of arms' desired
-        states.
-
-        The robots start at the positions a previous process left in `record`.
-        """
-        self.io, self.record, self.reports = io, record, IoReports()
-        self._now_ns = now_ns
-        self.robots = robots = Robots(io)
-        before = np.where(np.isfinite(record.position), record.position, 0.0)
-        record.restart()
-        record.position[...] = before
+    def __init__(self, context: IoContext) -> None:
+        """See `kinematic`."""
+        self.io, self._now_ns = context.io, context.now_ns
+        self.parts = parts = kinematic(context)
+        self.robots, self.record, self.reports = parts.robots, parts.record, parts.reports
+        self.pid, self.follow, self.desired = parts.pid, parts.follow, parts.desired
+        robots, record, now_ns = parts.robots, parts.record, context.now_ns
         _show_what_is_not_there(record)
-        self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
-            record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
-            record.disturbance, record.effort_mode))
-        self.gains = JointGains(robots, record, self.pid, self.reports, gains)
-        self.follow = SetpointTracker(io, robots, record, self.pid, record, self.reports, sources)
-        self._power = KinematicPower(robots, record, self.reports, self.follow, self.pid)
-        self.desired = ArmRequests(robots, record, self.follow, report)
-        self._track, _ = track(self)
-        devices = Devices(robots, record, self.reports, self.follow, self.pid, self._power, Brakes(robots, record),
-                          self.desired, cells or [NoFaults() for _ in robots.names])
-        self._commands, self._fault_handler = IoCommands(devices), FaultHandler(devices)
+        self._track, _ = track(parts)
+        self._commands, self._fault_handler = IoCommands(parts), FaultHandler(parts)
         places = {follower.robot: follower.place for follower in self.follow.followers}
         self._followed = [(place, robot, robots.slices[robot]) for robot, place in sorted(places.items())]
         self._stamps_ns, self._moves = [0] * len(robots.names), [False] * len(robots.names)
@@ -126,7 +99,7 @@ class KinematicIo:
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
             self.follow.enable(robot, False, now_ns)
-            self._power.off(robot)
+            self.parts.power.off(robot)
 
 
 def _show_what_is_not_there(record: IoRecord) -> None:

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.document.system import IoConfig
+from trocar.procs.io.assemble import IoContext
 from trocar.procs.io.bus.bus_port import BusPort
 from trocar.procs.io.bus.named_port import hold, port_of
 from trocar.procs.io.cycle import RobotIo
@@ -46,13 +47,13 @@ class IoLoop(runtime.Loop):
         sources = [RingSource(node.reads(pid.arm, "setpoint")) for pid in io.pids]
         now_ns, record, gains = node.clock.now_ns, IoRecord(self._out.field), self._others["gains"].field
         report = self._mailbox.audit.write if self._mailbox.audit is not None else None
+        context = IoContext(io, now_ns, record, sources, cells, gains, self._others["instruments"].field, report,
+                            node.is_over, node.over_ns)
         self._core: RobotIo | KinematicIo
         if port is None:
-            self._core = KinematicIo(io, now_ns, record, sources, gains=gains, cells=cells, report=report)
+            self._core = KinematicIo(context)
         else:
-            self._core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
-                                 instruments=self._others["instruments"].field, cells=cells, is_over=node.is_over,
-                                 over_ns=node.over_ns, report=report)
+            self._core = RobotIo(context, port, prepare(robots, port))
             node.computes(self._core.halves.why_numpy)
         self._subscriptions, bits = node.subscriptions, node.subscriptions.bits
         self._parts = ((bits("state", "software_velocity"), SOFTWARE_VELOCITY),

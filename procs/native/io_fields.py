@@ -1,4 +1,7 @@
-"""The arrays of the halves of io's cycle, from `RobotIo`. n: actuators, d: drives, i.e. actuators and brakes."""
+"""The arrays of the halves of io's cycle, from `BoardParts` (procs/io/assemble.py).
+
+n: actuators, d: drives, i.e. actuators and brakes.
+"""
 
 from __future__ import annotations
 
@@ -118,4 +121,4 @@ TRACK: Final = CStruct("Track", (
           setpoint="pid.setpoint_position", feed="pid.setpoint_velocity"),
     *rows("b1", "n", at_limit="record.at_limit"),
 ), {"track": ("i8",)})
-"""Fields of the setpoint tracker, from `RobotIo` or `KinematicIo` (procs/io)."""
+"""Fields of the setpoint tracker, from `Parts`."""

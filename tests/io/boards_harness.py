@@ -18,6 +18,7 @@ from trocar.procs.boards.emulation import Emulation
 from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.fpga import registers, wire
+from trocar.procs.io.assemble import IoContext
 from trocar.procs.io.bus.bus_port import BusPort
 from trocar.procs.io.cycle import RobotIo
 from trocar.procs.io.record import IoRecord
@@ -113,9 +114,10 @@ class BoardsHarness:
                                        len(self.io.digital_outputs))
         self.arms = {pid.robot: FakeSource() for pid in self.io.pids}
         self.over_ns = FOR_EVER_NS
-        self.core = RobotIo(self.io, self.port, self.now_ns, self.record, list(self.arms.values()), self.preset,
-                            cells=[FakeCell() for _ in self.io.robots],
+        context = IoContext(self.io, self.now_ns, self.record, list(self.arms.values()),
+                            [FakeCell() for _ in self.io.robots],
                             is_over=lambda: boottime_ns() > self.over_ns, over_ns=lambda: self.over_ns)
+        self.core = RobotIo(context, self.port, self.preset)
         self.period_ns = round(self.io.period_s * 1e9)
         self.events: list[IoEvent] = []
 

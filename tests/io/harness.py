@@ -22,6 +22,7 @@ from trocar.procs.document.system import (
     Tolerance,
 )
 from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.assemble import IoContext
 from trocar.procs.io.bus.discovery import BoardInfo
 from trocar.procs.io.bus.link import Counters
 from trocar.procs.io.cycle import RobotIo
@@ -29,7 +30,6 @@ from trocar.procs.io.halves import Halves
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.record import IoRecord, private
 from trocar.procs.io.setpoint_rings import DesiredFields, RingSource
-from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.tables.desired_state import DESIRED_STATES
 from trocar.shm.mailbox.origins import Origin, SenderId
 from trocar.shm.topics import SETPOINT
@@ -312,13 +312,13 @@ class IoHarness:
                                        sum(len(r.brakes) for r in self.io.robots), len(self.io.digital_outputs))
         self.port.now_ns = self.clock
         self.arms_alive, self.held_up = True, False
-        self.core = RobotIo(self.io, self.port, self.clock, self.record, sources or self.arms, np.full(axes, preset),
-                            is_over=lambda: self.held_up)
+        self.context = IoContext(self.io, self.clock, self.record, sources or self.arms, is_over=lambda: self.held_up)
+        self.core = RobotIo(self.context, self.port, np.full(axes, preset))
         self.port.quadlets.clear()
 
     def by_numpy(self) -> IoHarness:
         """From now on without native code, whose insides no test can change."""
-        self.core.halves = Halves(self.core, lambda: self.held_up, lambda: FOR_EVER_NS, (0, 1.0, 1.0), native=False)
+        self.core.halves = Halves(self.core.parts, self.context, (0, 1.0, 1.0), native=False)
         return self
 
     def run(self, cycles: int = 1, *commands: FakeCommand) -> None:
@@ -364,7 +364,7 @@ class IoHarness:
     @property
     def currents(self) -> np.ndarray:
         """Current words last written, 0 in the middle, robots' axes only."""
-        return self.core.outputs.words & 0xFFFF
+        return self.core.parts.outputs.words & 0xFFFF
 
     def dac(self, row: int = 0) -> np.ndarray:
         return self.port.sent[-1][row, :4]

@@ -57,7 +57,7 @@ def test_the_example_pushes_back_and_never_pulls(task: TaskRow) -> None:
 
 def test_the_example_damps(task: TaskRow) -> None:
     harness = stand_with(task)
-    mine = harness.core._tasks._attached[0].task
+    mine = harness.core.parts.tasks._attached[0].task
     robot = TaskRobot("PSM1", NAMES, ("REVOLUTE",) * 7, 1 / 1500, *(np.full(7, x) for x in (-1.5, 1.5, 2.0)),
                       task.options)
     sample = Sample(*(np.zeros(7) for _ in range(6)), *(np.zeros(7, dtype=bool) for _ in range(2)))

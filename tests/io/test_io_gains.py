@@ -49,13 +49,13 @@ def test_the_record_shows_the_disturbance_that_an_observer_compensates(harness: 
 def test_all_axes_change_together(harness: IoHarness) -> None:
     harness.core.reports.events.clear()
     assert harness.ask("set_gains", -1, 0.25, robot="PSM1 d_gain").outcome == "done"
-    assert harness.core.gains.record["d_gain"].tolist() == [0.25] * 7
+    assert harness.core.parts.gains.record["d_gain"].tolist() == [0.25] * 7
     assert [row[:2] for row in reported(harness)] == [("PSM1", axis) for axis in range(7)]
     assert "by another program" in reported(harness)[0][2]
 
 
 def test_the_record_shows_files_first_and_every_change(harness: IoHarness) -> None:
-    record, reports = harness.core.gains.record, harness.core.reports
+    record, reports = harness.core.parts.gains.record, harness.core.reports
     assert "gains" in reports.changed and record["changes"] == 0
     assert record["p_gain"].tolist() == [1.0] * 7 and record["pid_max_output"].tolist() == [-1.0] * 7
     reports.changed.clear()
@@ -96,7 +96,7 @@ def test_one_bad_axis_refuses_all_of_a_change() -> None:
     harness.ask("set_gains", 4, 0.1, robot="PSM1 p_gain")
     refused = harness.ask("set_gains", -1, 5.0, robot="PSM1 p_gain")
     assert "axis 4: p_gain 5 is more than 10 times" in refused.answers[0][1]
-    assert harness.core.gains.record["p_gain"].tolist() == [1.0, 1.0, 1.0, 1.0, 0.1, 1.0, 1.0]
+    assert harness.core.parts.gains.record["p_gain"].tolist() == [1.0, 1.0, 1.0, 1.0, 0.1, 1.0, 1.0]
 
 
 def test_a_robot_without_controller_has_no_gains() -> None:
@@ -109,7 +109,7 @@ def test_two_changes_in_one_cycle_both_count(harness: IoHarness) -> None:
     commands = [FakeCommand("set_gains", "PSM1 p_gain", 1, 2.0), FakeCommand("set_gains", "PSM1 d_gain", 1, 0.5)]
     harness.run(1, *commands)
     row = harness.core.pid.gains[1]
-    assert (row.p_gain, row.d_gain) == (2.0, 0.5) and harness.core.gains.record["changes"] == 2
+    assert (row.p_gain, row.d_gain) == (2.0, 0.5) and harness.core.parts.gains.record["changes"] == 2
 
 
 def test_gains_stay_when_the_controller_goes_off_and_on(harness: IoHarness) -> None:
@@ -117,7 +117,7 @@ def test_gains_stay_when_the_controller_goes_off_and_on(harness: IoHarness) -> N
     harness.ask("pid_enable", 0)
     assert harness.ask("set_gains", 3, 10.0, robot="PSM1 p_gain").answers == [("done", "")]
     assert harness.ask("pid_enable", 1).outcome == "done"
-    assert harness.core.gains.record["p_gain"].tolist() == [1.0, 1.0, 4.0, 10.0, 1.0, 1.0, 1.0]
+    assert harness.core.parts.gains.record["p_gain"].tolist() == [1.0, 1.0, 4.0, 10.0, 1.0, 1.0, 1.0]
 
 
 SLIP = "axis 3: p_gain 4000 is more than 10 times 1, used last; set it again to confirm"

@@ -34,7 +34,7 @@ class TaskHarness(IoHarness):
         file = folder / "mine.py"
         file.write_text(HEAD + "".join(f"        {line}\n" for line in body.splitlines()))
         super().__init__(count, tasks=(TaskRow(str(file), "Mine", robots, **changes),))
-        self.mine = [each.task for each in self.core._tasks._attached]
+        self.mine = [each.task for each in self.core.parts.tasks._attached]
         for each in self.mine:
             each.clock = self.clock
 

@@ -88,4 +88,4 @@ def test_a_board_that_did_not_confirm_is_asked_again_while_nothing_else_happens(
     leave_and_return(harness, 1)
     harness.port.deaf = ()
     harness.run(RETRY_NS // PERIOD_NS + 2)
-    assert not harness.core._watchdogs.unconfirmed.any()
+    assert not harness.core.parts.watchdogs.unconfirmed.any()

@@ -8,6 +8,7 @@ import pytest
 from tests.io.harness import FakeCommand, FakeSource, SteppedClock
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.system import IoConfig
+from trocar.procs.io.assemble import IoContext
 from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.setpoint_tracker import DRIVE
@@ -31,7 +32,7 @@ class KinematicStage:
         self.io, self.clock, self.arm = kinematic_io(), SteppedClock(), FakeSource()
         self.record = record or IoRecord.private(7, 1, 0)
         self.alive = True
-        self.core = KinematicIo(self.io, self.clock, self.record, [self.arm])
+        self.core = KinematicIo(IoContext(self.io, self.clock, self.record, [self.arm]))
 
     def run(self, cycles: int = 1, *commands: FakeCommand) -> None:
         for _ in range(cycles):
@@ -208,7 +209,7 @@ def test_gains_are_shown_as_zero_and_cannot_be_changed(powered: KinematicStage) 
     command = FakeCommand("set_gains", "PSM1 p_gain", -1.0, 5.0)
     powered.run(1, command)
     assert command.outcome == "refused" and "KINEMATIC" in command.answers[-1][1]
-    assert not powered.core.gains.record["p_gain"].any()
+    assert not powered.core.parts.gains.record["p_gain"].any()
 
 
 def test_outputs_are_refused_for_there_are_none(stage: KinematicStage) -> None:

@@ -95,9 +95,9 @@ def both(name: str, memory: StructMemory, native_code: Callable[..., int], by_nu
 class ShadowedHalves(Halves):
     """Halves that are done both ways."""
 
-    def __init__(self, core, *given) -> None:
-        super().__init__(core, *given, native=False)
-        bound = bind(IO, core)
+    def __init__(self, parts, *given) -> None:
+        super().__init__(parts, *given, native=False)
+        bound = bind(IO, parts)
         assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
         memory = StructMemory(bound)
         for name in IO.functions:

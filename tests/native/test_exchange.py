@@ -70,7 +70,7 @@ def test_the_boards_understand_what_the_call_has_sent(psm: SocketHarness) -> Non
 
 def test_the_calls_leave_what_step_by_step_leaves(psm: SocketHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     """To the bit: every array of io's halves, of what came and of what was sent."""
-    halves = bind(IO, psm.core)
+    halves = bind(IO, psm.core.parts)
     assert isinstance(halves, BoundStruct)
     exchange, reader, groups = psm.exchange, psm.exchange._reader, psm.exchange._writer.groups
     receive, send = exchange._receive, exchange._send

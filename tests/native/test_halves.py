@@ -70,7 +70,7 @@ def test_both_halves_leave_the_same_bits_from_anything(seed: int, odd: float, ri
     rng = np.random.default_rng(seed)
     harness = with_everything() if rich else IoHarness()
     core = harness.core
-    halves, bound = ShadowedHalves(core, bool, int, (0, 1.0, 1.0)), bind(IO, core)
+    halves, bound = ShadowedHalves(core.parts, harness.context, (0, 1.0, 1.0)), bind(IO, core.parts)
     assert isinstance(bound, BoundStruct)
     core.pid.check_tracking(slice(None), True)
     for on in (True, False):
@@ -87,7 +87,7 @@ def test_both_halves_leave_the_same_bits_from_anything(seed: int, odd: float, ri
 
 def test_arrays_stay_where_they_are_whatever_is_asked() -> None:
     harness = IoHarness()
-    bound = bind(IO, harness.core)
+    bound = bind(IO, harness.core.parts)
     assert isinstance(bound, BoundStruct)
     harness.control()
     for name, values in (("bias_encoders", (20,)), ("tracking_check", (1,)), ("use_setpoint_v", (1,)),
@@ -103,7 +103,7 @@ def test_arrays_stay_where_they_are_whatever_is_asked() -> None:
 def test_an_array_of_another_shape_is_refused_and_numpy_does_the_work() -> None:
     harness = IoHarness()
     harness.core.pid.p_gain = np.zeros(3)
-    why = bind(IO, harness.core)
+    why = bind(IO, harness.core.parts)
     assert why == "Io.pid_p_gain (pid.p_gain) is float64 (3,), not float64 (7,)"
 
 

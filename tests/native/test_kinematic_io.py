@@ -11,6 +11,7 @@ import pytest
 from tests.io.harness import PERIOD_NS, FakeCommand, SteppedClock, document
 from tests.native.shadow import bits
 from tests.native.test_track import ARMS, COMMANDS, Both
+from trocar.procs.io.assemble import IoContext
 from trocar.procs.io.halves import numpy_track
 from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord
@@ -30,7 +31,7 @@ class KinematicStand:
         self.io, self.clock = document(len(ARMS), digital_inputs=()), SteppedClock()
         self.record = IoRecord.private(7 * len(ARMS), len(ARMS), 0)
         sources = [RingSource(directory.reader(system, arm, "setpoint", "arm")) for arm in ARMS]
-        self.core = KinematicIo(self.io, self.clock, self.record, sources)
+        self.core = KinematicIo(IoContext(self.io, self.clock, self.record, sources))
 
     def run(self, cycles: int, *commands: FakeCommand) -> None:
         """So many cycles, the first with these commands."""
@@ -48,8 +49,8 @@ class BothKinematic(Both):
         super().__init__(system)
         self.stands: list[Any] = [KinematicStand(system) for _ in range(2)]
         slow = self.stands[1].core
-        slow._track = numpy_track(slow)
-        self.bound = [bind(TRACK, stand.core) for stand in self.stands]
+        slow._track = numpy_track(slow.parts)
+        self.bound = [bind(TRACK, stand.core.parts) for stand in self.stands]
 
     def compare(self) -> None:
         """The same in all that the native library works on, and in what is published."""

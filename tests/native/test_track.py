@@ -43,8 +43,8 @@ class Both:
                                              for arm in ARMS]) for _ in range(2)]
         quick, slow = (stand.core for stand in self.stands)
         assert not quick.halves.why_numpy
-        slow.halves.track = numpy_track(slow)
-        self.bound = [bind(TRACK, stand.core) for stand in self.stands]
+        slow.halves.track = numpy_track(slow.parts)
+        self.bound = [bind(TRACK, stand.core.parts) for stand in self.stands]
 
     def write(self, writer: RingWriter, place: int) -> None:
         """Anything that an arm, or somebody in its place, may write; mostly what makes sense."""

@@ -18,6 +18,7 @@ from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order, Source, kinematic_system
 from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.psm.psm import PsmLogic
+from trocar.procs.io.assemble import IoContext
 from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord as IoRecord
 from trocar.procs.node.fault_report import FaultReport
@@ -51,8 +52,8 @@ class IoAlone:
     def __init__(self, setpoint: Record) -> None:
         self.memory, self.cycle = Record(IO_STATE, **AXES), 0
         self.source = Source(setpoint)
-        self.core = KinematicIo(kinematic_system().io("io"), lambda: ns(self.cycle), IoRecord(self.memory.field),
-                                [self.source])
+        io, record = kinematic_system().io("io"), IoRecord(self.memory.field)
+        self.core = KinematicIo(IoContext(io, lambda: ns(self.cycle), record, [self.source]))
 
     def step(self, cycle: int) -> None:
         self.cycle = cycle
