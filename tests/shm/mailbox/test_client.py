@@ -259,8 +259,8 @@ def test_a_stop_sent_by_what_interrupts_a_command_goes_out(
     desk, nested = handle._desk, []
     honest = getattr(type(desk.place) if where == "send" else type(desk), where)
 
-    def interrupted(this: Any, *words: Any) -> Any:
-        result = honest(this, *words)
+    def interrupted(this: Any, *words: Any, **more: Any) -> Any:
+        result = honest(this, *words, **more)
         if not nested:
             nested.append(True)
             stops.append(handle.send("hold"))

@@ -214,7 +214,7 @@ def test_commands_and_deaths_go_together(scenario: dict[str, Any], outcomes: int
 
 TAKEN = "self._taken[place] = self._words[self._taken_at[place]] = n  # N3"
 COPY = "raw = self._heads[place][slot].tobytes()  # N2"
-VALUES = "self._view, at, monotonic_ns(), n, *whose, code, count, peer, by.encode(), encoded, *numbers"
+VALUES = "self._view, at, when_ns, n, *whose, code, count, peer, by.encode(), encoded, *numbers"
 PACK = f"            COMMANDS_OF[count].pack_into(\n                {VALUES})  # M2\n"
 SENT = "        self._count = self._words[self._sent] = n  # M3\n"
 A1, A3 = "        words[at >> 3] = 0  # A1\n", "        words[at >> 3] = n  # A3\n"
