@@ -99,7 +99,8 @@ class RobotIo:
         if good:
             self._before_ns, self._good_ns = self._good_ns, now_ns
             self._gap_ns += (min(now_ns - self._before_ns, self._oldest_ns) - self._gap_ns) / GAPS
-        if not bits & CONTROLLED and (bits or now_ns >= wake_ns or self.port.away.tobytes() != self._nobody):
+        is_done = bool(bits & CONTROLLED)  # the native library went on with the other half
+        if not is_done and (bits or now_ns >= wake_ns or self.port.away.tobytes() != self._nobody):
             self._decide(bits, commands, now_ns)
         else:
             self._whole_ns = now_ns
@@ -108,7 +109,7 @@ class RobotIo:
         if not good:
             share *= share_of(now_ns - self._good_ns)
         if not bits & SENT:
-            bits = self.halves.control_and_send(share, good and not bits & CONTROLLED)
+            bits |= self.halves.control_and_send(share, good and not is_done)
         if bits & NOT_FINITE:
             self._not_finite(now_ns)
         self.parts.setup_brakes.step(now_ns)
@@ -121,9 +122,10 @@ class RobotIo:
     def _is_busy(self) -> bool:
         """Whether something besides the sample can have an effect in this cycle."""
         parts, power, safety = self.parts, self.power, self.parts.safety
-        return bool(not self._is_whole or parts.tasks or parts.desired.has_news or self._commands.waits
-                    or self.reports.trips or power.changed or safety.counting or safety.set_encoder_zero
-                    or parts.brakes.busy or parts.bias.running or parts.axis_drive.running or parts.watchdogs.busy)
+        return bool(not self._is_whole or self.port.away.tobytes() != self._nobody or self.reports.trips
+                    or parts.tasks or parts.desired.has_news or parts.outputs.has_one_shot or self._commands.waits
+                    or power.changed or safety.counting or safety.set_encoder_zero or parts.brakes.busy
+                    or parts.bias.running or parts.axis_drive.running or parts.watchdogs.busy)
 
     def _decide(self, bits: int, commands: Iterable[Request], now_ns: int) -> None:
         """What to do about the sample and the commands, before the joint controllers."""
@@ -191,10 +193,8 @@ class RobotIo:
         else:
             if (away != self._away).any():
                 self._who_is_away_changed(away)
-            # report again for a robot that was commanded to power on meanwhile
-            again = self._lacking & record.power_requested & (record.fault == 0)
-            if again.any():
-                for robot in np.flatnonzero(again).tolist():
+            else:  # report again for a robot that was commanded to power on meanwhile
+                for robot in np.flatnonzero(self._lacking & record.power_requested & (record.fault == 0)).tolist():
                     self._trip_away(robot)
             np.logical_not(self._lacking, record.robot_valid)
             record.valid[...] = not away.any()
@@ -229,23 +229,22 @@ class RobotIo:
     def _missed(self, now_ns: int) -> None:
         """A bad read: tolerated for the watchdog time; no robot gets power until the next good one."""
         self.record.bad_reads += np.uint64(1)
-        age_ns, limit_s = now_ns - self._good_ns, self._oldest_ns * 1e-9
+        age_ns, limit_s, blamed = now_ns - self._good_ns, self._oldest_ns * 1e-9, self._blamed()
         if not self._lost and now_ns - self._missed_ns >= MISSED_REPEAT_NS:
             self._missed_ns = now_ns
-            self.reports.warn(codes.READ_MISSED, self.io.name, age_ns * 1e-9, limit_s, boards=self._blamed())
+            self.reports.warn(codes.READ_MISSED, self.io.name, age_ns * 1e-9, limit_s, boards=blamed)
         if age_ns <= self._oldest_ns:
             return
         # report again for a robot that was commanded to power on meanwhile
         again = self.record.power_requested & (self.record.fault == 0)
         if not self._lost or again.any():
-            blamed = self._blamed()
             for robot in range(len(self.robots.names)):
                 if not self._lost or again[robot]:
                     self.reports.trip(codes.BAD_READS, robot, value=age_ns * 1e-9, limit=limit_s, boards=blamed)
             self._lost = True
 
     def _blamed(self) -> tuple[int, ...]:
-        """Boards with bad reads since the last call."""
+        """Boards with bad reads since the last call, i.e. in this cycle."""
         counts = self.port.counters.board_bad_reads
         rows = np.flatnonzero(counts > self._bad_by_board)
         self._bad_by_board = counts.copy()
@@ -265,13 +264,15 @@ class RobotIo:
                                   float(pid.tolerance[axes][axis]), also(tripped[axes]))
 
     def _not_finite(self, now_ns: int) -> None:
-        """An effort that was not finite was sent as 0 A; switch off its robot."""
+        """For an effort that was not finite, 0 A was sent; switch off its robot."""
         request = self.record.current_request
+        finite = np.isfinite(request)
+        finite[: self.robots.axes] &= self.pid.finite
         for robot, places in enumerate(self.robots.of_robot):
-            bad = ~np.isfinite(request[places])
+            bad = ~finite[places]
             if bad.any():
                 self.reports.trip(codes.NOT_FINITE, robot, int(np.argmax(bad)), detail=also(bad))
-        request[~np.isfinite(request)] = 0.0
+        request[~finite] = 0.0
         self._fault_handler.act(now_ns)
 
     def _show(self, good: bool, read_ns: int, now_ns: int) -> None:

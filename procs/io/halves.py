@@ -33,9 +33,8 @@ class Halves:
         self._is_over, self._over_ns = context.is_over, context.over_ns
         self.bound = bind(IO, parts) if native else "numpy is wanted"
         """The arrays of the native library; or why it is not used."""
-        self.track, why = track(parts)
-        self.why_numpy = why
-        """Why the native library is not used, at least for setpoints; empty: it is."""
+        self.track, self.why_numpy = track(parts)
+        """Takes setpoints; and why numpy computes some part, empty: none."""
         if isinstance(self.bound, BoundStruct):
             self.decode_and_check, self.control_and_encode, self.show = (  # type: ignore[method-assign]
                 self.bound.function(name) for name in IO.functions)
@@ -44,7 +43,7 @@ class Halves:
             self.track, self.why_numpy = numpy_track(parts), self.bound
 
     def receive_and_check(self, good_ns: int, wake_ns: int, gap_ns: float) -> int:
-        """Wait for the reply to `BusPort.ask_all`, and check it. 0, or bits:
+        """Receive the sample that `BusPort.ask_all` asked for, and check it. 0, or bits:
 
         MISSED: there is no complete fresh sample. STATUS: status words or amplifiers have changed (`Power.step`).
         LIMIT: a value is beyond its limit (`Safety.examine`). TRACKING: so is a tracking error (`Pid.beyond`).
@@ -70,7 +69,8 @@ class Halves:
             if self._is_over():  # the efforts are outdated, and so are switch-on commands
                 outputs.all_off()
                 self.control_and_encode(0.0, False)
-            port.write_all()
+            if not port.write_all():
+                return bits  # what acts once is sent with the next write
         outputs.written()
         return bits
 
@@ -88,9 +88,9 @@ class Halves:
 
     def control_and_encode(self, share: float, has_sample: int) -> int:
         """`control_and_send` without the sending: into the port's `out`."""
-        if has_sample:
-            self._pid.control(self._samples.position, self._samples.velocity)
-        return (0 if self._outputs.encode(share) else NOT_FINITE) | (CONTROLLED if has_sample else 0)
+        controlled = not has_sample or self._pid.control(self._samples.position, self._samples.velocity)
+        encoded = self._outputs.encode(share)
+        return (0 if controlled and encoded else NOT_FINITE) | (CONTROLLED if has_sample else 0)
 
     def show(self) -> int:
         """Fill the rest of the record, after the boards are written. 1: an input has changed (`Buttons.settle`)."""

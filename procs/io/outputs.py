@@ -42,13 +42,13 @@ class Outputs:
         self.control: NDArray[np.uint32] = np.full(len(robots.board_ids), registers.CONTROL_POWER_OFF, np.uint32)
         """Control words of the next write."""
         self._standing: NDArray[np.uint32] = self.control.copy()
-        self._has_one_shot = False
+        self.has_one_shot = False
 
     def command_power(self, boards: Flags, relay: bool) -> None:
         """Motor power on, and the relay closed, with the next write."""
         self._standing[boards] = 0
         self.control[boards] = registers.CONTROL_POWER_ON | (registers.CONTROL_RELAY_ON if relay else 0)
-        self._has_one_shot = True
+        self.has_one_shot = True
 
     def cut_power(self, boards: Flags, open_relays: bool) -> None:
         """Motor power off with every write from now on, and relays open if asked."""
@@ -58,13 +58,13 @@ class Outputs:
     def close_relays(self, boards: Flags) -> None:
         """Close the safety relays of boards with the next write."""
         self.control[boards] |= np.uint32(registers.CONTROL_RELAY_ON)
-        self._has_one_shot = True
+        self.has_one_shot = True
 
     def enable_amps(self, places: NDArray[np.intp]) -> None:
         """Enable the amplifiers of drives with the next write."""
         self.flags[places] = ENABLE
         self._record.amp_enabled[places] = True
-        self._has_one_shot = True
+        self.has_one_shot = True
 
     def disable_amps(self, places: NDArray[np.intp]) -> None:
         """Keep the amplifiers of drives disabled with every write from now on."""
@@ -97,7 +97,7 @@ class Outputs:
 
     def written(self) -> None:
         """The boards have been written: withdraw the words that act once."""
-        if self._has_one_shot:
-            self._has_one_shot = False
+        if self.has_one_shot:
+            self.has_one_shot = False
             self.control[...] = self._standing
             self.flags[self.flags == ENABLE] = PLAIN

@@ -73,7 +73,7 @@ class Pid:
         self.filtered = np.zeros(n)
         self.allowed = np.full(n, np.inf)
         self.excess, self.within = np.zeros(n), np.ones(n, dtype=bool)
-        """Tracking error after the dead-band, and its tolerance."""
+        """Tracking error after the dead-band, and whether it is within `allowed`."""
         self.off = np.ones(n, dtype=bool)
         self.switches: NDArray[np.int64] = np.zeros(len(SWITCHES), dtype=np.int64)
         self.p_gain, self.d_gain, self.i_gain, self.i_limit, self.i_forget_rate = (np.zeros(n) for _ in range(5))
@@ -84,7 +84,9 @@ class Pid:
         self.momentum, self.rate = np.zeros(n), np.zeros(n)
         self._minus_output = np.zeros(n)
         self._a, self._b, self._x, self._f = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-        self._inside, self._finite = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+        self._inside = np.zeros(n, dtype=bool)
+        self.finite = np.ones(n, dtype=bool)
+        """Whether the law gave a number; else the effort is 0."""
         self._zero, self._one = np.zeros(n), np.ones(n)
         self._three, self._minus_two = np.full(n, 3.0), np.full(n, -2.0)
         self._any_off, self._any_effort, self._has_contribution = True, False, False
@@ -120,7 +122,7 @@ class Pid:
                               self._has_contribution)
 
     def configure(self, changes: Mapping[int, PidAxis], velocity: Floats) -> None:
-        """Set new gains for some actuators from the next `step` on; `velocity` (n,) is the measured one.
+        """Set new gains for some actuators from the next `control` on; `velocity` (n,) is the measured one.
 
         The controller's memory continues from its present effort: the integral is rescaled, the observed disturbance
         stays. Parameters that act on the present error (gains, dead-bands, offset, limits) take effect at once, and an
@@ -188,8 +190,9 @@ class Pid:
         np.less_equal(self._dead_band(e, self.excess), self.allowed, self.within)
         return b"\0" in self.within.tobytes()
 
-    def control(self, position: Floats, velocity: Floats) -> None:
-        """One cycle on the measured values (n,): fills `effort` and `position_error`."""
+    def control(self, position: Floats, velocity: Floats) -> bool:
+        """One cycle on the measured values (n,): fills `effort` and `position_error`; returns whether all are `finite`.
+        """
         e, u = self.position_error, self._f
         np.subtract(self.setpoint_position, position, e)
         self._dead_band(e, self._b)
@@ -215,7 +218,7 @@ class Pid:
             np.add(f, self.contribution, f)
         np.minimum(f, self.effort_limit, out=f)
         np.maximum(f, self._minus_effort, out=f)
-        self._finish(position, u)
+        return self._finish(position, u)
 
     def beyond(self, exempt: Flags) -> Flags | None:
         """None, or flags (n,) of actuators whose compared tracking error (after the dead-band) is above its tolerance.
@@ -294,8 +297,11 @@ class Pid:
             np.subtract(state, x, self.disturbance)
             np.add(u, self.disturbance, u)
 
-    def _finish(self, position: Floats, u: Floats) -> None:
-        """Set the efforts of actuators that are disabled or not finite; store the values for the observer."""
+    def _finish(self, position: Floats, u: Floats) -> bool:
+        """Set the efforts of actuators that are disabled or not finite; store the values for the observer.
+
+        False: some were not finite.
+        """
         f = self.effort
         if self._observes:
             np.minimum(u, self.effort_limit, out=u)
@@ -309,12 +315,14 @@ class Pid:
         if self._any_effort:
             np.copyto(self.setpoint_position, position, where=self.effort_mode)
             self._rest(self.effort_mode)
-        np.isfinite(f, self._finite)
-        if b"\0" in self._finite.tobytes():
-            bad = ~self._finite
-            f[bad] = 0.0
-            for each in (self.integral, self.disturbance, self.observer_input, self.observer_state, self.filtered):
-                each[bad] = 0.0
+        np.isfinite(f, self.finite)
+        if b"\0" not in self.finite.tobytes():
+            return True
+        bad = ~self.finite
+        f[bad] = 0.0
+        for each in (self.integral, self.disturbance, self.observer_input, self.observer_state, self.filtered):
+            each[bad] = 0.0
+        return False
 
     def _rest(self, where: Flags) -> None:
         """Keep integral and observer from winding up while an actuator is off or in effort mode."""

@@ -77,10 +77,10 @@ class SetpointTracker:
         self.robot, self.first, self.axes = (np.array(values, dtype=np.int64) for values in (
             [f.robot for f in self.followers], [f.axes.start for f in self.followers],
             [f.axes.stop - f.axes.start for f in self.followers]))
-        self.everybody = (1 << count) - 1
-        """Bits of all robots, for `receive`."""
         self.everything = (1 << count + 2) - 1
-        """The same, plus one for setpoints still to apply and `desired_bit` for open desired states."""
+        """Bits of all robots, for `receive`, plus one for setpoints still to apply and `desired_bit` for open desired
+        states.
+        """
         self.desired_bit = 1 << count + 1
         self.is_fresh: Flags = np.zeros(count, dtype=bool)  # the newest record is fresh
         self.taken_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)  # stamp of the newest accepted setpoint

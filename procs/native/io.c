@@ -161,9 +161,10 @@ static void rest(const Io *k, int64_t i) {
   k->integral[i] = k->disturbance[i] = k->observer_input[i] = k->observer_state[i] = 0.0;
 }
 
-/* The joint controllers of all actuators. */
-static void control(const Io *k) {
+/* The joint controllers of all actuators; 0: some effort was not finite. */
+static int control(const Io *k) {
   const int64_t *is = k->switches;
+  int all_finite = 1;
   const double *position = k->values + POSITION * k->d, *velocity = k->velocity;
   for (int64_t i = 0; i < k->n; i++) {
     int off = is[ANY_OFF] && k->off[i], in_effort = is[ANY_EFFORT] && k->effort_mode[i], inside = 0;
@@ -207,13 +208,15 @@ static void control(const Io *k) {
       k->setpoint[i] = position[i];
       if (is[INTEGRATES] || is[OBSERVES]) rest(k, i);
     }
-    if (!isfinite(effort)) {
+    all_finite &= k->finite[i] = isfinite(effort) != 0;
+    if (!k->finite[i]) {
       effort = k->filtered[i] = 0.0;
       rest(k, i);
     }
     k->error[i] = error;
     k->effort[i] = effort;
   }
+  return all_finite;
 }
 
 /* -- encode: procs/io/outputs.py -----------------------------------------------------------------------------------*/
@@ -239,8 +242,8 @@ static int encode(const Io *k, double share) {
 }
 
 int64_t Io_control_and_encode(const Io *k, double share, int64_t has_sample) {
-  if (has_sample) control(k);
-  return (encode(k, share) ? 0 : NOT_FINITE) | (has_sample ? CONTROLLED : 0);
+  int controlled = !has_sample || control(k), encoded = encode(k, share);
+  return (controlled && encoded ? 0 : NOT_FINITE) | (has_sample ? CONTROLLED : 0);
 }
 
 /* -- show: procs/io/robots.py, procs/io/digital_outputs.py, procs/io/buttons.py ------------------------------------*/

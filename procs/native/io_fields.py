@@ -65,7 +65,7 @@ IO: Final = CStruct("Io", (
           per_width="pid.per_width", share_old="pid.share_old", output_limit="pid.output_limit",
           momentum="pid.momentum", observer_rate="pid.rate", effort_limit="pid.effort_limit"),
     *rows("f8", "n", **{f"pid_{gain.field}": f"pid.{gain.field}" for gain in GAINS}),
-    *rows("b1", "n", effort_mode="pid.effort_mode", off="pid.off", within="pid.within"),
+    *rows("b1", "n", effort_mode="pid.effort_mode", off="pid.off", within="pid.within", finite="pid.finite"),
     # encode: efforts to words for the boards
     *rows("f8", "n", effort_to_current="robots.effort_to_current"),
     *rows("f8", "brakes", brake_current="outputs.brakes"),

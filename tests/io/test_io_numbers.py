@@ -58,10 +58,11 @@ def test_a_controller_that_computes_no_number_sends_0_a_and_goes_off() -> None:
     pid = harness.by_numpy().core.pid
     control = pid.control
 
-    def broken(*measured: np.ndarray) -> None:
-        control(*measured)
+    def broken(*measured: np.ndarray) -> bool:
+        finite = control(*measured)
         if harness.record.pid_enabled[0]:
             pid.effort[2] = np.nan
+        return finite
 
     pid.control = broken  # type: ignore[method-assign]
     harness.run(1)
@@ -78,3 +79,16 @@ def test_numbers_too_large_to_compute_with_stay_within_the_motors_current() -> N
         harness.run(5)
         assert (np.abs(harness.record.current_request[:7]) <= 1.0).all()
         assert (np.abs(harness.currents[:7] - 0x8000) <= 5243).all()
+
+
+@pytest.mark.parametrize("native", [True, False])
+def test_a_law_that_gives_no_number_is_a_fault_although_the_position_is_exact(native: bool) -> None:
+    harness = working(braked())
+    harness.send(1, in_effort=False, position=0.0)
+    harness.run(2)
+    if not native:
+        harness.by_numpy()
+    harness.core.pid.d_gain[2] = np.inf  # times a velocity of 0 that is no number
+    harness.run(1)
+    assert harness.port.sent[-1][0, 2] & 0xFFFF == 0x8000 and harness.codes == ["not-finite"]
+    assert not harness.record.pid_enabled[0] and "axis 2" in harness.core.reports.events[-1].text

@@ -93,7 +93,10 @@ class Exchange:
         link.recv_ns = received_ns
         link.seen_generation = link.rx[size + GENERATION_AT]
         reader.has_taken(True)
-        self._note(bits, sent_ns)
+        if bits & SENT:
+            link.send_ns = sent_ns
+        elif bits & CONTROLLED:  # delayed, or refused, perhaps because an earlier datagram met a closed port
+            link.suspect = True
         return bits
 
     def control_and_send(self, share: float, has_sample: bool, over_ns: int) -> int:
@@ -103,13 +106,8 @@ class Exchange:
             return self._encode(share, has_sample)
         before = link.tl
         bits = send(fd, link.next_tl(), share, has_sample, over_ns)
-        if not bits & SENT:
-            link.tl, link.suspect = before, True
-        self._note(bits, self._came[SENT_NS])
-        return bits
-
-    def _note(self, bits: int, sent_ns: int) -> None:
         if bits & SENT:
-            self._link.send_ns = sent_ns
-        elif bits & CONTROLLED:  # delayed, or refused, perhaps because an earlier datagram met a closed port
-            self._link.suspect = True
+            link.send_ns = self._came[SENT_NS]
+        else:
+            link.tl, link.suspect = before, True
+        return bits
