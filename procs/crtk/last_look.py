@@ -16,8 +16,6 @@ from trocar.shm.time.clock import boottime_ns, monotonic_ns
 
 FIRST_NS: Final = 1_000_000_000
 """In this time after its start, a bridge may find messages that were sent before."""
-RESTART_NS: Final = 300_000_000
-"""And clients of its predecessor may have sent them this long before it began."""
 
 
 class LastLook:
@@ -41,10 +39,10 @@ class LastLook:
 
 
 class FirstMessages:
-    """For a bridge whose clients connect while it is still down: its first messages may be as old as itself."""
+    """For a bridge whose first client starts it: its first messages may be as old as itself."""
 
     def __init__(self, generation: Callable[[], int]) -> None:
-        self._start, self._until_ns = LastLook(generation, started_ns() - RESTART_NS), monotonic_ns() + FIRST_NS
+        self._start, self._until_ns = LastLook(generation, started_ns()), monotonic_ns() + FIRST_NS
 
     def mark(self, client: Client) -> None:
         """The next command of this handle comes from a message that was read now."""
