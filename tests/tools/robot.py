@@ -80,9 +80,9 @@ class ScriptedRobot:
         self._ledger()
 
     def beat(self) -> None:
-        """Every process shows that it lives."""
-        for page in self.pages.values():
-            page.field("heartbeat_ns")[...] = monotonic_ns()
+        """Every process shows that it lives; the supervisor, which beats without us, for the whole test."""
+        for name, page in self.pages.items():
+            page.field("heartbeat_ns")[...] = monotonic_ns() + 60_000_000_000 * (name == "supervisor")
 
     def _ledger(self) -> None:
         for i, (instance, kind) in enumerate((("IO1", b"io"), ("PSM1", b"arm"))):
