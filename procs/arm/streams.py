@@ -16,7 +16,6 @@ from typing import Final
 
 from trocar.procs.node.requests import STREAM_ENDED, STREAM_PAUSE_NS, Request
 from trocar.shm.mailbox.command_row import FREE
-from trocar.shm.mailbox.origins import is_direct
 
 STREAM_NS: Final = 100_000_000  # an older goal belongs to no stream
 PERIODS: Final = 3
@@ -84,7 +83,7 @@ class Streams:
         gap_ns = now_ns - stream.asked_ns
         origin = request.origin.id
         if gap_ns >= STREAM_PAUSE_NS and stream.has_paused(now_ns) and not (
-                stream.ended and origin == stream.origin and is_direct(origin, request.pid)):
+                stream.ended and origin == stream.origin and request.sender.peer):
             stream.ended, stream.period_ns = "", 0
         elif not stream.ended and gap_ns <= MAX_PERIOD_NS:
             stream.period_ns = gap_ns

@@ -17,7 +17,7 @@ from trocar.tools.analysis.tolerances import AllowedDifference, tolerance_of
 from trocar.tools.output.printing import Say
 
 REAL_TIME: Final = ("monotonic_ns", "local_ns", "write_ns", "since_ns", "pid", "place", "id", "origin",
-                    "desired_origin")
+                    "desired_origin", "sender")
 """Fields with wall-clock times, or names of a process and its commands: they differ between any two runs."""
 EQUAL, WITHIN, DIFFERENT = "equal", "within", "different"
 
