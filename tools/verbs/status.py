@@ -53,7 +53,8 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
         if recorded:
             tell(f"a recording of the time before it: {recorded}")
         tell(in_a_line(processes, found))
-    return 1 if any(process.problem for process in processes) or any(one.is_fault for one in found) else 0
+    is_unwell = any(process.problem or process.begins_again for process in processes)
+    return 1 if is_unwell or any(one.is_fault for one in found) else 0
 
 
 def _fault_recording(system: str, faults_ns: Iterable[int]) -> str:
