@@ -91,7 +91,7 @@ class ArmCommands:
         """End the streams of other programs until they have paused, whether the arm is ready or not."""
         control, what = self._control, f"({request.name} {request.text}".rstrip() + ")"
         who = request.holder.acting_for(request.origin.program)
-        control.record.show_stop(f"{who} {what}")
+        control.record.show_stop(f"{request.origin.program or who} {what}")
         control.streams.end(f"{who} stopped the arm {what}", spared=request.sender)
 
     def _need(self, name: str, ready: Ready) -> None:

@@ -82,6 +82,7 @@ class Commands:
         """`joints` returns the joint names of a view, by its name; `refuse_move` ends a move that an arm never got."""
         self._refuse_move = refuse_move
         self._last_look, self._joined_ns = last_look, monotonic_ns() + JOINING_NS
+        self._streaming: set[int] = set()  # peers whose first message, soon after our start, was one of a stream
         self._bridge, self._say, self._system = bridge, refusals.say, system
         self._peers, self._peer_of = itertools.count(1), lru_cache(MAX_PEERS)(self._next_peer)
         self._clients: dict[tuple[str, int], Client] = {}
@@ -152,7 +153,10 @@ class Commands:
                 self._sender(asked, message).pass_over()
 
     def _sender(self, asked: AskedTopic, message: Any) -> Client:
-        client = self._client(asked.to, self._peer(asked.reader, message))
+        peer = self._peer(asked.reader, message)
+        if asked.row.row.stream and monotonic_ns() < self._joined_ns and all(key[1] != peer for key in self._clients):
+            self._streaming.add(peer)
+        client = self._client(asked.to, peer)
         self._last_look.mark(client)
         return client
 
@@ -182,7 +186,7 @@ class Commands:
                 self._open.pop(gone, None)
                 gone.close()
             client = self._clients[to, peer] = Client(self._system, to, "ros_bridge", peer=peer)
-            if monotonic_ns() < self._joined_ns:
+            if peer in self._streaming:
                 client.join()
         return client
 

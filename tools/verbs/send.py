@@ -74,7 +74,7 @@ def send(
 
 def _is_users(system: str, component: str) -> bool:
     """Whether a component is a user's process, whose methods take every declared argument."""
-    return any(row.name == component for row in document_of(system).users)
+    return any((row.name, row.kind) == (component, "user") for row in document_of(system).processes)
 
 
 def renamed(command: str, words: list[str]) -> tuple[str, list[str]]:
