@@ -16,7 +16,7 @@ from trocar.shm.mailbox.client import Client
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
-from trocar.tools.bench.measuring import FULL, PATIENCE_S, cpu_s, home_all, seconds_since
+from trocar.tools.bench.measuring import FULL, PATIENCE_S, cpu_s, home_all, seconds_since, wait_until
 from trocar.tools.client.remote import Remote
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
@@ -77,8 +77,9 @@ class RobotAtWork:
             self.meanwhile()
 
     def process(self, instance: str) -> psutil.Process:
-        """The process of an instance."""
+        """The process of an instance, as soon as it has begun."""
         with closing(ControlPage(self.system, instance)) as page:
+            wait_until(lambda: int(page.get("pid")) > 0, f"{instance} to begin")
             return psutil.Process(int(page.get("pid")))
 
     def cpu_percent(self, seconds: float, *processes: psutil.Process) -> float:
