@@ -46,7 +46,7 @@ class IoContext:
     sources: Sequence[RingSource]
     """Setpoints, in the order of `io.pids`."""
     cells: Sequence[OwnCell] = ()
-    """Fault generations of the robots, in the order of `io.robots`: older commands are refused; (): none are."""
+    """Fault generations of the robots, in the order of `io.robots`: older commands are refused; (): no command is."""
     gains: Field | None = None
     instruments: Field | None = None
     """The fields of these records by name; None: not published."""
@@ -55,7 +55,7 @@ class IoContext:
     is_over: Callable[[], bool] = bool
     """Whether a stall has interrupted this cycle."""
     over_ns: Callable[[], int] = lambda: FOR_EVER_NS
-    """From which time on CLOCK_BOOTTIME that is so."""
+    """After which time on CLOCK_BOOTTIME that is so."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True)

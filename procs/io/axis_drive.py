@@ -122,6 +122,7 @@ class AxisDrive:
         test.asker.done(f"{what}axis {test.axis} moved by {moved:.5g}")
 
     def _end(self, robot: int, test: AxisDriveRun) -> None:
-        self._pid.effort_when_off[self._robots.slices[robot].start + test.axis] = 0.0
+        place = self._robots.slices[robot].start + test.axis
+        self._pid.effort_when_off[place] = self._pid.effort[place] = 0.0  # also in a cycle without a sample
         if test.free:
             self._brakes.engage(robot)

@@ -51,8 +51,9 @@ class Outputs:
         self.has_one_shot = True
 
     def cut_power(self, boards: Flags, open_relays: bool) -> None:
-        """Motor power off with every write from now on, and relays open if asked."""
-        self._standing[boards] = registers.CONTROL_POWER_OFF | (registers.CONTROL_RELAY_OFF if open_relays else 0)
+        """Motor power off with every write from now on, and relays open if asked, or asked before."""
+        self._standing[boards] |= np.uint32(
+            registers.CONTROL_POWER_OFF | (registers.CONTROL_RELAY_OFF if open_relays else 0))
         self.control[boards] = self._standing[boards]
 
     def close_relays(self, boards: Flags) -> None:

@@ -49,7 +49,7 @@ static int send_all(const Exchange *k, const Write *write, int fd, int64_t label
   return 1;
 }
 
-/* Control and send, with SENT if that worked; nothing is sent from `over_ns` on. */
+/* Control and send, with SENT if that worked; nothing is sent after `over_ns`. */
 int64_t Exchange_control_and_send(const Exchange *k, int64_t fd, int64_t label, double share, int64_t has_sample,
                                   int64_t over_ns) {
   int64_t bits = Io_control_and_encode((const Io *)(intptr_t)k->io, share, has_sample);

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.io.harness import IoHarness, actuator, robot, with_actuators
+from tests.io.harness import FakeCommand, IoHarness, actuator, robot, with_actuators
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io import commands
 
@@ -164,6 +164,17 @@ def test_relays_open_only_when_asked() -> None:
     harness.power()
     harness.ask("power_off", 1)
     assert (harness.port.sent[-1][:, 4] & 0x00030000 == registers.CONTROL_RELAY_OFF).all()
+
+
+def test_another_power_off_does_not_take_back_that_the_relays_are_to_open() -> None:
+    harness = IoHarness()
+    harness.power()
+    harness.run(1, FakeCommand("power_off", "PSM1", 1.0), FakeCommand("power_off", "PSM1", 0.0))
+    assert (harness.port.sent[-1][:, 4] & 0x00030000 == registers.CONTROL_RELAY_OFF).all()
+    harness.run(2)
+    assert not harness.record.relay[0]
+    harness.power()
+    assert harness.record.relay[0]
 
 
 def test_farewell_leaves_everything_off() -> None:

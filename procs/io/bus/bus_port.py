@@ -264,7 +264,7 @@ class BusPort:
     def control_and_send(self, share: float, has_sample: bool, over_ns: int) -> int:
         """The efforts and `write_all`, by `exchange`; without SENT in the result, `write_all` is still to be called.
 
-        From `over_ns` on, on CLOCK_BOOTTIME, nothing is sent.
+        After `over_ns`, on CLOCK_BOOTTIME, nothing is sent.
         """
         exchange = self.exchange
         if exchange is None:

@@ -1,7 +1,7 @@
 """The halves of io's cycle (procs/io/halves.py) with their system calls, as native calls: one where Python has nothing
 to decide between them, else two.
 
-They handle the reply to the newest query only. Any other datagram is left to `Link.receive`, and a failed write to the
+They handle the reply to the newest read only. Any other datagram is left to `Link.receive`, and a failed write to the
 caller, as without this module.
 """
 
