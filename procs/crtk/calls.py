@@ -77,6 +77,8 @@ class Calls:
         messages may have waited for its start.
         """
         self._peer, self._first = next(PEERS), first
+        self.has_waited = False
+        """The present message came with the first bytes of its connection, which may have waited for our start."""
         self.program = "socket"
         """The name that other programs see."""
         self._system, self._owners, self._rights, self._is_over, self._holder = system, owners, rights, is_over, holder
@@ -106,8 +108,8 @@ class Calls:
             if to not in self._clients:
                 self._clients[to] = Client(self._system, to, self.program, peer=self._peer, holder=self._holder)
             client = self._clients[to]
-            client.seen = seen
-            if self._first is not None:
+            client.sent_ns, client.seen = 0, seen
+            if self._first is not None and self.has_waited:
                 self._first.mark(client)
             sent = client.send(command, values, text)
         except (SegmentError, MailboxFull, ValueError, KeyError) as error:

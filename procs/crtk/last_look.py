@@ -14,8 +14,8 @@ from typing import Final
 from trocar.shm.mailbox.client import Client
 from trocar.shm.time.clock import boottime_ns, monotonic_ns
 
-FIRST_NS: Final = 1_000_000_000
-"""In this time after its start, a bridge may find messages that were sent before."""
+FIRST_NS: Final = 300_000_000
+"""In this time after its start, a bridge accepts the connections that were made before."""
 
 
 class LastLook:
@@ -39,17 +39,19 @@ class LastLook:
 
 
 class FirstMessages:
-    """For a bridge whose first client starts it: its first messages may be as old as itself."""
+    """For a bridge whose first client starts it: what this client sends at once waits until the bridge runs."""
 
     def __init__(self, generation: Callable[[], int]) -> None:
         self._start, self._until_ns = LastLook(generation, started_ns()), monotonic_ns() + FIRST_NS
 
+    @property
+    def may_have_waited(self) -> bool:
+        """Whether a connection that is accepted now may have been made before we ran."""
+        return monotonic_ns() < self._until_ns
+
     def mark(self, client: Client) -> None:
-        """The next command of this handle comes from a message that was read now."""
-        if monotonic_ns() < self._until_ns:
-            self._start.mark(client)
-        else:
-            client.sent_ns, client.seen = 0, None
+        """The next command of this handle came with the first bytes of such a connection."""
+        self._start.mark(client)
 
 
 def started_ns() -> int:

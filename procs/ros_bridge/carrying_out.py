@@ -101,10 +101,12 @@ class Commands:
                 self._asked.append(AskedTopic(reader, row, to.name, text, named))
 
     def take(self) -> list[PendingCommand]:
-        """All received commands."""
+        """All received commands, those of each node in the order in which it published them."""
+        came = [(asked, message) for asked in self._asked
+                for message in asked.reader.take(partial(self._say, asked.to))]
+        came.sort(key=lambda each: int(each[1].sample_info.source_timestamp))
         return [PendingCommand(asked.row.depth == STREAM, partial(self._carry_out, asked, message),
-                               partial(self._leave_out, asked, message))
-                for asked in self._asked for message in asked.reader.take(partial(self._say, asked.to))]
+                               partial(self._leave_out, asked, message)) for asked, message in came]
 
     def hear(self) -> None:
         """Collect the outcomes; release commands held down by nodes that have left."""
@@ -147,7 +149,7 @@ class Commands:
                 self._refuse_move(to)
 
     def _leave_out(self, asked: AskedTopic, message: Any) -> None:
-        """A stream whose goals are left out goes on: else the next one would begin a new stream."""
+        """Drop a goal of a stream; the next goal continues this stream, instead of beginning a new one."""
         if asked.row.row.stream:
             with suppress(SegmentError):
                 self._sender(asked, message).pass_over()

@@ -40,7 +40,9 @@ class Connection(asyncio.Protocol):
         self._begin = b""
         self._backlog: deque[bytes] = deque()
         self._out: list[bytes] = []
-        self._is_paused = self._is_ended = False
+        self._is_paused = self._is_ended = self._is_early = False
+        self._early = 0
+        """Messages of the backlog that may have waited for the bridge's start."""
 
     @property
     def peer(self) -> tuple[str, int]:
@@ -56,12 +58,14 @@ class Connection(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has connected."""
         self._transport = cast(asyncio.Transport, transport)
+        self._is_early = self._door.served.first.may_have_waited
         self._listener = self._door.admit(self)
 
     def data_received(self, data: bytes) -> None:
         """Bytes of any number of messages."""
         if self._door.is_over() or self._is_ended:
             return
+        is_first = self._framing is None
         if self._framing is None:
             self._begin = data = self._begin + data
             self._framing = framing_of(data)
@@ -72,6 +76,8 @@ class Connection(asyncio.Protocol):
         except Ended as error:
             self.end(str(error))
             return
+        if is_first and self._is_early:
+            self._early = len(self._backlog)
         self._pass(self._framing.waiting())
         self._work()
 
@@ -80,7 +86,8 @@ class Connection(asyncio.Protocol):
             if self._listener is None or self._is_ended or self._door.is_over():
                 self._backlog.clear()
                 return
-            self._listener.handle(self._backlog.popleft())
+            self._listener.handle(self._backlog.popleft(), has_waited=self._early > 0)
+            self._early = max(0, self._early - 1)
         if self._transport is None or self._is_ended:
             return
         if bool(self._backlog) is not self._is_paused:

@@ -63,9 +63,10 @@ class Session:
             "read": self._read, "subscribe": self._subscribe, "unsubscribe": self._unsubscribe,
             "call": self._call, "get": self._get, "set": self._set}
 
-    def handle(self, message: bytes) -> None:
-        """Handle one message; an error in it is answered, and has no other effect."""
+    def handle(self, message: bytes, has_waited: bool = False) -> None:
+        """Handle one message; an error in it is answered, and has no other effect. `has_waited`: see `Calls`."""
         self._counts.received += 1
+        self.calls.has_waited = has_waited
         number: Any = None
         try:
             asked = parsed(message, OPS)

@@ -75,7 +75,10 @@ class MailboxShare:
         """Send through our own place; MailboxFull or SegmentError if there is no room."""
         if not self.has_place:
             self.take_place()
-        number = self.place.send(name, values, text, origin, handle.peer, sent_ns=handle.sent_ns)
+        sent_ns = handle.sent_ns
+        if sent_ns and self._stops_something(name, values, text):
+            sent_ns = 0
+        number = self.place.send(name, values, text, origin, handle.peer, sent_ns=sent_ns)
         self._senders[number] = handle
         if len(self._senders) > KEPT:
             self._forget_oldest()
@@ -84,9 +87,9 @@ class MailboxShare:
     def stop(self, handle: Client, name: str, values: Any, text: str, tries: int) -> int:
         """Through the place for stops; 0 when it is no stop. MailboxFull or SegmentError when there is no room either.
         """
-        row, numbers = self._rows.get(name), np.asarray(values, dtype=np.float64).reshape(-1)
-        if self._is_copy or row is None or not row.is_stop(text, numbers):
+        if self._is_copy or not self._stops_something(name, values, text):
             return 0
+        numbers = np.asarray(values, dtype=np.float64).reshape(-1)
         with self._stop_lock:
             if self._is_stopping:
                 raise MailboxFull(f"{self.instance}: another stop is being sent")
@@ -99,6 +102,11 @@ class MailboxShare:
                 return number
             finally:
                 self._is_stopping = False
+
+    def _stops_something(self, name: str, values: Any, text: str) -> bool:
+        row = self._rows.get(name)
+        numbers = np.asarray(values, dtype=np.float64).reshape(-1)
+        return row is not None and row.is_stop(text, numbers)
 
     def _forget_oldest(self) -> None:
         with contextlib.suppress(KeyError):  # an interrupting handler hands out replies as well
@@ -212,7 +220,9 @@ class Client:
         self.seen: int | None = None
         """Number of faults that a remote person, informed late, knows of; None: all."""
         self.sent_ns = 0
-        """When such a person sent the next command at the earliest, on CLOCK_MONOTONIC; 0: when it is sent here."""
+        """When such a person sent the next command at the earliest, on CLOCK_MONOTONIC; 0: when it is sent here. A stop
+        always counts from then: it concerns all that was sent before.
+        """
         self._whole: Origin | None = None
         self._stream, self._streamed_ns = NOBODY, -STREAM_NS
         self.inbox: list[Reply] = []
@@ -276,7 +286,7 @@ class Client:
         return origin
 
     def pass_over(self) -> None:
-        """A goal of a stream is not sent; the stream goes on."""
+        """A goal of a stream is not sent; the next one continues the stream."""
         self._own_origin(True)
 
     def join(self) -> None:

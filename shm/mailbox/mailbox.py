@@ -25,7 +25,9 @@ stop there; the lock lasts as long as that takes, so that nobody waits for the a
 owner looks there first and refuses whatever is no stop (shm/commands.py says what is one). Stopping ends what was asked
 before: a command that `expires` (shm/mailbox/command_row.py) is refused when it was sent before a stop, by any sender,
 that the owner has taken. All stamps of sending are of one clock; one that is in the owner's future counts as now. A
-stop of one thing among several (a robot of io, a setup arm) is about that only.
+bridge stamps a message of a client with the earliest time at which it may have been sent; so what follows a stop of the
+same client in the same place was sent after it, whatever its stamp. A stop of one thing among several (a robot of io, a
+setup arm) is about that only.
 
 Recovery. An owner that begins:
   V1  slot of answered + 1 says answered + 1? then its predecessor died between A3 and A4: answered := answered + 1
@@ -135,7 +137,8 @@ class Mailbox:
         never_stops = tuple(not row.stops for row in self._table)
         self._is_plain = tuple(never_stops if place != RESERVED else (False,) * len(self._table)
                                for place in range(PLACES))
-        self._stops: dict[str, tuple[int, Holder, str]] = {}  # subject; when, by whom, for whom it was sent
+        self._stops: dict[str, tuple[int, Holder, str, tuple[int, int]]] = {}
+        """By subject: when, by whom and for whom the newest stop was sent, and its place and peer."""
         self._stopped_ns = NEVER  # the newest of them
         self._stops_taken = NOBODY[-8:]  # of the place for stops
         self._view, self._words = places.view, places.words
@@ -302,7 +305,8 @@ class Mailbox:
             return ""
         for about in ("", command.about(text)):
             stop = self._stops.get(about)
-            if stop is not None and received.sent_ns < stop[0]:
+            # behind the stop in the same place: sent after it, whatever the time of a message that a bridge has found
+            if stop is not None and received.sent_ns < stop[0] and (received.place, received.peer) != stop[3]:
                 return f"stopped by {stop[1].reported(stop[2])}"
         return ""
 
@@ -312,7 +316,8 @@ class Mailbox:
             self._stops, about, sent_ns = {}, "", max(sent_ns, self._stopped_ns)
         known = self._stops.get(about)
         if known is None or known[0] < sent_ns:
-            self._stops[about] = sent_ns, self.holder(received.place), received.origin.program
+            by = received.place, received.peer
+            self._stops[about] = sent_ns, self.holder(received.place), received.origin.program, by
             self._stopped_ns = max(self._stopped_ns, sent_ns)
 
     def holder(self, place: int) -> Holder:

@@ -58,9 +58,14 @@ class Received:
         return self.holder.pid
 
     @property
+    def peer(self) -> int:
+        """Of a bridge: which of its clients sent it, 0: the program itself."""
+        return self._head[6]
+
+    @property
     def sender(self) -> SenderId:
         """Which program, and which client of a bridge, sent it."""
-        return SenderId(self._box.home_of(self.place), self._head[6])
+        return SenderId(self._box.home_of(self.place), self.peer)
 
     @property
     def has_client(self) -> bool:

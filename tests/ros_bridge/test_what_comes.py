@@ -163,7 +163,7 @@ def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.Mo
 
     def say(name: str, pressed: int | None, handle: int) -> None:
         message = Joy(buttons=[] if pressed is None else [pressed])
-        message.sample_info = SimpleNamespace(publication_handle=handle)  # type: ignore[attr-defined]
+        message.sample_info = SimpleNamespace(publication_handle=handle, source_timestamp=0)  # type: ignore[attr-defined]
         readers[f"console/{name}"].messages.append(message)
         for wish in commands.take():
             wish.carry_out()

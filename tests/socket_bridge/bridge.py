@@ -84,8 +84,10 @@ class Bridge:
 
 
 @contextlib.asynccontextmanager
-async def bridge(name: str, settings: SocketBridge = LOCAL) -> AsyncIterator[Bridge]:
-    """A bridge on a system of this name, whose arm accepts all that it is asked."""
+async def bridge(name: str, settings: SocketBridge = LOCAL, *, begins: bool = False) -> AsyncIterator[Bridge]:
+    """A bridge on a system of this name, whose arm accepts all that it is asked; `begins`: clients may have waited for
+    it, since this process began.
+    """
     wrong: list[Any] = []
     asyncio.get_running_loop().set_exception_handler(lambda loop, context: wrong.append(context))
     with robot(name) as scripted:
@@ -94,14 +96,17 @@ async def bridge(name: str, settings: SocketBridge = LOCAL) -> AsyncIterator[Bri
         object.__setattr__(document, "socket", settings)
         listening = socket.create_server(("127.0.0.1", 0))
         made: list[Bridge] = []
-        server = SocketServer(document, lambda: made[0].is_over, logging.getLogger("bridge"),
-                              FirstMessages(Faults(name).generation))
+        faults = Faults(name)
+        first = FirstMessages(faults.generation)
+        first._until_ns = first._until_ns + 60_000_000_000 if begins else 0
+        server = SocketServer(document, lambda: made[0].is_over, logging.getLogger("bridge"), first)
         made.append(Bridge(server, listening.getsockname()[1], scripted))
         await server.listen([listening])
         try:
             yield made[0]
         finally:
             server.close()
+            faults.close()
             for _ in range(3):
                 await asyncio.sleep(0)
             assert not wrong, wrong

@@ -155,7 +155,7 @@ def test_ros_lets_through_what_it_may_power(
     monkeypatch.setattr(carrying_out, "JOINING_NS", 0)  # streams begin at once
     writer = SimpleNamespace(participant_key=uuid4())
     participant: Any = SimpleNamespace(reader=lambda *_: SimpleNamespace(writer=lambda handle: writer))
-    message = SimpleNamespace(sample_info=SimpleNamespace(publication_handle=1))
+    message = SimpleNamespace(sample_info=SimpleNamespace(publication_handle=1, source_timestamp=0))
     said: list[str] = []
     refusals: Any = SimpleNamespace(say=lambda to, text: said.append(to))
     absent: Any = None

@@ -301,45 +301,87 @@ def test_a_stop_through_the_place_for_stops_is_that_of_its_program(system: str, 
     assert len(senders) == 1
 
 
+class MovedClock:
+    """The machine's time, which a test moves on."""
+
+    def __init__(self) -> None:
+        self.more_ns = 0
+
+    def __call__(self) -> int:
+        return time.monotonic_ns() + self.more_ns
+
+
+LONG_NS = 150_000_000  # a stream that pauses so long has ended
+
+
+@pytest.fixture
+def clock() -> MovedClock:
+    return MovedClock()
+
+
+@pytest.fixture
+def streamer(system: str, box: Mailbox, clock: MovedClock) -> Iterator[Client]:
+    client = Client(system, "PSM1", time_ns=clock)
+    yield client
+    client.close()
+
+
 def test_a_message_that_waited_counts_from_when_it_may_have_been_sent(
         person: Client, system: str, box: Mailbox) -> None:
-    stopper = Client(system, "PSM1", "stopper")
+    other = Client(system, "PSM1", peer=7)
     person.sent_ns = time.monotonic_ns()
-    stopper.send("hold")
+    other.send("hold")
     assert ran(box) == ["hold"]
     person.send("move_jp", [0.0] * 6)
     assert ran(box) == [] and person.poll()[-1].text.startswith("stopped by")
     person.sent_ns = time.monotonic_ns()
     person.send("move_jp", [0.0] * 6)
     assert ran(box) == ["move_jp"]
-    stopper.close()
+    other.close()
 
 
-def test_a_stream_whose_bridge_stalls_does_not_begin_anew(person: Client, box: Mailbox, cell: FaultCell) -> None:
-    person.send("servo_jp", [0.0] * 6)
-    assert ran(box) == ["servo_jp"]
+def test_a_stop_that_waited_voids_all_that_was_sent_until_now_but_what_its_sender_sends_after_it(
+        person: Client, system: str, box: Mailbox) -> None:
+    other = Client(system, "PSM1", peer=7)
     person.sent_ns = time.monotonic_ns()
+    other.send("move_jp", [0.0] * 6)
+    person.send("hold")
+    person.send("move_jp", [0.0] * 6)
+    other.sent_ns = person.sent_ns
+    other.send("move_jp", [0.0] * 6)
+    assert ran(box) == ["move_jp", "hold", "move_jp"]
+    outcomes = sorted(reply.outcome for reply in other.poll())
+    assert outcomes == ["done", "refused"], "one came before the stop, one too late"
+    other.close()
+
+
+def test_a_stream_whose_bridge_stalls_does_not_begin_anew(
+        streamer: Client, box: Mailbox, cell: FaultCell, clock: MovedClock) -> None:
+    streamer.send("servo_jp", [0.0] * 6)
+    assert ran(box) == ["servo_jp"]
+    streamer.sent_ns = clock()
     cell.fault()
-    time.sleep(0.15)
-    person.send("servo_jp", [0.0] * 6)
+    clock.more_ns += LONG_NS
+    streamer.send("servo_jp", [0.0] * 6)
     assert ran(box) == [], "it only seems to have paused"
-    person.sent_ns = time.monotonic_ns()
-    time.sleep(0.15)
-    person.pass_over()
-    person.sent_ns = time.monotonic_ns()
-    person.send("servo_jp", [0.0] * 6)
+    streamer.sent_ns = clock()
+    clock.more_ns += LONG_NS
+    streamer.pass_over()
+    streamer.sent_ns = clock()
+    streamer.send("servo_jp", [0.0] * 6)
     assert ran(box) == [], "a goal that was left out is one of the stream"
-    time.sleep(0.15)
-    person.sent_ns = 0
-    person.send("servo_jp", [0.0] * 6)
+    clock.more_ns += LONG_NS
+    streamer.sent_ns = 0
+    streamer.send("servo_jp", [0.0] * 6)
     assert ran(box) == ["servo_jp"]
 
 
-def test_a_stream_that_a_new_bridge_finds_has_no_origin_until_it_pauses(person: Client, box: Mailbox) -> None:
-    person.join()
+def test_a_stream_that_a_new_bridge_finds_has_no_origin_until_it_pauses(
+        streamer: Client, box: Mailbox, clock: MovedClock) -> None:
+    streamer.join()
     for _ in range(3):
-        person.send("servo_jp", [0.0] * 6)
+        streamer.send("servo_jp", [0.0] * 6)
         assert ran(box) == []
-    time.sleep(0.15)
-    person.send("servo_jp", [0.0] * 6)
+    clock.more_ns += LONG_NS
+    streamer.send("servo_jp", [0.0] * 6)
     assert ran(box) == ["servo_jp"]
