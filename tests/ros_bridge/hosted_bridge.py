@@ -43,9 +43,15 @@ class HostedBridge:
 
     def tell(self, topic: str, message: Any, seconds: float = 0.2) -> None:
         """Publish, and let it take effect."""
-        if topic not in self._writers:
-            self._writers[topic] = self._participant.writer(topic, type(message))
-        self._writers[topic].write(message)
+        self.tell_together([(topic, message)], seconds)
+
+    def tell_together(self, messages: Sequence[tuple[str, Any]], seconds: float) -> None:
+        """Publish these one after the other before the bridge looks again."""
+        for topic, message in messages:
+            if topic not in self._writers:
+                self._writers[topic] = self._participant.writer(topic, type(message))
+        for topic, message in messages:
+            self._writers[topic].write(message)
         self.run(seconds)
 
     def run(self, seconds: float) -> None:

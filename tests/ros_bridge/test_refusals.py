@@ -11,6 +11,7 @@ import pytest
 from tests.ros_bridge.hosted_bridge import HostedBridge, bridged
 from trocar.procs.ros_messages.messages import (
     Bool,
+    Empty,
     Float64,
     JointStates,
     OperatingState,
@@ -58,6 +59,20 @@ def test_a_move_that_the_bridge_refuses_is_over_at_once_for_clients_that_wait(br
     assert [message.data for message in bridge.came("PSM1/goal_reached")] == [False]
     busy = [message.is_busy for message in bridge.came("PSM1/operating_state")]
     assert True in busy and not busy[-1]
+
+
+@pytest.mark.parametrize(("topics", "reached"), [(("hold", "move_jp"), True), (("move_jp", "hold"), False)])
+def test_messages_that_are_found_together_are_carried_out_in_the_order_of_publication(
+        bridge: HostedBridge, topics: tuple[str, str], reached: bool) -> None:
+    bridge.hear("PSM1/goal_reached", Bool)
+    bridge.hear("PSM1/measured_js", JointStates)
+    bridge.run(1.0)
+    goal = list(bridge.came("PSM1/measured_js")[-1].position)
+    goal[0] += 0.02
+    bridge.came("PSM1/goal_reached")
+    messages = {"hold": Empty(), "move_jp": JointStates(position=goal)}
+    bridge.tell_together([(f"PSM1/{topic}", messages[topic]) for topic in topics], 1.0)
+    assert [message.data for message in bridge.came("PSM1/goal_reached")] == [reached]
 
 
 def test_the_same_refusal_is_published_once_a_second(bridge: HostedBridge) -> None:
