@@ -20,14 +20,14 @@ Stop (anybody):   L1  lock the place for stops
 
 N3 comes before N4: a command runs at most once, also when the owner dies in between.
 
-Stops. One place more than there are for clients is nobody's. Whoever has none of the others, or a full queue, stores a
-stop there; the lock lasts as long as that takes, so that nobody waits for the answer of another, or for ever. The
-owner looks there first and refuses whatever is no stop (shm/commands.py says what is one). Stopping ends what was asked
-before: a command that `expires` (shm/mailbox/command_row.py) is refused when it was sent before a stop, by any sender,
-that the owner has taken. All stamps of sending are of one clock; one that is in the owner's future counts as now. A
-bridge stamps a message of a client with the earliest time at which it may have been sent; so what follows a stop of the
-same client in the same place was sent after it, whatever its stamp. A stop of one thing among several (a robot of io, a
-setup arm) is about that only.
+Stops. One more place is kept for stops. A client that has no place of its own, or whose queue is full, stores a stop
+there. It holds the lock only while it stores, so no client waits for the answer to another, or for ever. The owner
+looks there first and refuses everything that is not a stop (shm/commands.py has the list). A stop ends what was asked
+before it: a command that `expires` (shm/mailbox/command_row.py) is refused when it was sent before a stop, by any
+sender, that the owner has taken. All stamps of sending are of one clock; one that is in the owner's future counts as
+now. A bridge stamps a message of a client with the earliest time at which it may have been sent; so what follows a
+stop of the same client in the same place was sent after it, whatever its stamp. A stop of one thing among several (a
+robot of io, a setup arm) is about that only.
 
 Recovery. An owner that begins:
   V1  slot of answered + 1 says answered + 1? then its predecessor died between A3 and A4: answered := answered + 1

@@ -40,6 +40,13 @@ class Home:
         assert len(loaded.errors) == 1, [str(problem) for problem in loaded.errors]
         return loaded.errors[0]
 
+    def warning(self, **options: object) -> FileProblem:
+        """The only warning there is, of files without errors."""
+        loaded = self.load(**options)
+        assert loaded.system is not None, loaded.errors
+        (warning,) = loaded.warnings
+        return warning
+
     def emulate(self, section: Section, hardware: str = "QLA1", **keys: object) -> Loaded:
         """The demo on this hardware with this emulation section; the keys are those of its IO."""
         file = self.path / "io/PSM1-demo.yaml"

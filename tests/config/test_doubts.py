@@ -21,15 +21,13 @@ IO = "io/PSM1-demo.yaml"
 ])
 def test_entries_that_cannot_be_meant_warn(home: Home, file: str, old: str, new: str, key: str, text: str) -> None:
     home.edit(file, old, new)
-    loaded = home.load()
-    assert loaded.system is not None, loaded.errors
-    (warning,) = loaded.warnings
+    warning = home.warning()
     assert warning.key == key and text in warning.text
 
 
 def test_two_inputs_on_one_bit_warn(home: Home) -> None:
     home.edit(IO, "bit_id: 2", "bit_id: 0")
-    (warning,) = home.load().warnings
+    warning = home.warning()
     assert warning.key.endswith("bit_id") and "bit 0 of board 6 is used twice" in warning.text
 
 

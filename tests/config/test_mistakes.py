@@ -236,9 +236,7 @@ def test_a_gripper_whose_potentiometer_is_not_calibrated_is_refused(home: Home) 
 )
 def test_unknown_key_warns_with_nearest_name(home: Home, file: str, old: str, new: str, key: str, nearest: str) -> None:
     home.edit(file, old, new)
-    loaded = home.load()
-    assert loaded.system is not None
-    (warning,) = loaded.warnings
+    warning = home.warning()
     assert warning.key.endswith(key) and warning.file == str(home.path / file) and warning.line > 0
     assert warning.severity == "warning"
     if nearest:
@@ -255,9 +253,7 @@ def test_unknown_key_warns_with_nearest_name(home: Home, file: str, old: str, ne
 )
 def test_doubtful_values_only_warn(home: Home, old: str, new: str, text: str) -> None:
     home.edit(SYSTEM, old, new)
-    loaded = home.load()
-    assert loaded.system is not None
-    (warning,) = loaded.warnings
+    warning = home.warning()
     assert text in warning.text
 
 

@@ -31,9 +31,7 @@ FRAME = "base_frame: {reference_frame: Cart, transform: [[1, 0, 0, -200], [0, 1,
 ])
 def test_numbers_in_another_unit_warn(home: Home, file: str, old: str, new: str, key: str, text: str) -> None:
     home.edit(file, old, new)
-    loaded = home.load()
-    assert loaded.system is not None, loaded.errors
-    (warning,) = loaded.warnings
+    warning = home.warning()
     assert warning.key == key and text in warning.text
 
 

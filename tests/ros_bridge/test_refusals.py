@@ -55,7 +55,7 @@ def test_a_move_that_the_bridge_refuses_is_over_at_once_for_clients_that_wait(br
     bridge.run(0.3)
     for topic in ("PSM1/goal_reached", "PSM1/operating_state"):
         bridge.came(topic)
-    bridge.tell("PSM1/move_jp", JointStates(name=["nobody"], position=[0.1]), 0.3)
+    bridge.tell("PSM1/move_jp", JointStates(name=["no_such_joint"], position=[0.1]), 0.3)
     assert [message.data for message in bridge.came("PSM1/goal_reached")] == [False]
     busy = [message.is_busy for message in bridge.came("PSM1/operating_state")]
     assert True in busy and not busy[-1]

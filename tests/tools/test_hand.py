@@ -160,7 +160,7 @@ def test_after_a_restart_of_the_slave_the_hand_pinches_once_an_operator_shows_pr
     demo.host.restart("PSM1", killed=True)
     demo.until(lambda: not demo.teleop.is_following, "following ends")
     demo.passes(5.0)
-    assert not demo.teleop.is_following, "nobody asked for it"
+    assert not demo.teleop.is_following, "it was not enabled"
     demo.order("press coag 0")
     demo.order("press coag 1")
     demo.until(lambda: demo.teleop.is_following, "it follows again")
