@@ -260,7 +260,7 @@ def test_a_dead_supervisor_is_said_and_old_values_are_grey(world: World) -> None
         await until(app, pilot, "IO1/state")
         for page in played.pages.values():
             page.segment.view[64:68] = (1 << 22).to_bytes(4, "little")  # nobody has this pid
-        await until(app, pilot, "supervisor dead for", "left in shared memory", "first: supervisor is dead: trocar up")
+        await until(app, pilot, "supervisor dead", "left in shared memory", "first: supervisor is dead: trocar up")
         await pilot.press("1")
         await until(app, pilot, "dead ")
 
