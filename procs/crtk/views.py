@@ -38,7 +38,7 @@ class OpenTopic:
         """Attach to the ring of `entry`, or use the records that `reader` of that ring reads."""
         self.entry = entry
         self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring)
-        self._system = system
+        self.system = system
         self._time: SystemTime | None = None  # opened at the first use of `age_s`: most topics do not need the clock
         self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
         self._fields = {name: self._reader.field(name) for name in self._names}
@@ -56,7 +56,7 @@ class OpenTopic:
     def age_s(self) -> float:
         """Age of the record last read, in the system's time."""
         if self._time is None:
-            self._time = SystemTime(self._system)
+            self._time = SystemTime(self.system)
         return (self._time.now_ns() - self.stamp_ns) * 1e-9
 
     @property

@@ -128,7 +128,7 @@ class Commands:
     def _carry_out(self, asked: AskedTopic, message: Any) -> None:
         row, taken, to = asked.row.row, asked.row.taken, asked.to
         try:
-            if asked.joints is not None and (message.name or message.velocity):
+            if asked.joints is not None:
                 arrange(message, asked.joints.now(), by_name=self._bridge.check_names)
             text = asked.fixed_text or taken.text(message)
             if taken.text is frame_of and text:
@@ -201,14 +201,15 @@ class Commands:
 def arrange(message: JointStates, joints: tuple[str, ...], *, by_name: bool) -> None:
     """Put all numbers of a message in the order of `joints`; ValueError if names or numbers do not fit.
 
-    Positions with velocities must be for all joints: two lists for half of them are as many numbers as one for all.
+    Without names, positions with velocities must be for all joints, as two lists for half of them are as many numbers
+    as one for all; and positions for no more than all, as twice as many would count as positions and velocities.
     """
     if by_name and (names := message.name):
         for part in ("position", "velocity", "effort"):
             if numbers := getattr(message, part):
                 setattr(message, part, in_order(numbers, names, joints))
-    elif joints and message.position and message.velocity and (
-            {len(message.position), len(message.velocity)} != {len(joints)}):
+    elif joints and (len(message.position) > len(joints) or (message.position and message.velocity and (
+            {len(message.position), len(message.velocity)} != {len(joints)}))):
         raise ValueError(f"{len(message.position)} positions and {len(message.velocity)} velocities; "
                          f"its joints are: {', '.join(joints)}")
 

@@ -73,8 +73,8 @@ def frame_of(message: Any) -> str:
 
 
 def _followed(message: JointStates) -> Numbers:
-    """Positions, and velocities where there are any."""
-    return [*message.position, *message.velocity]
+    """Positions, and velocities where there are any; velocities alone are no setpoint."""
+    return [*message.position, *message.velocity] if message.position else []
 
 
 def _state(message: CartesianState) -> Numbers:

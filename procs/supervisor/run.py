@@ -99,6 +99,7 @@ def _run(system: SystemConfig, chosen: argparse.Namespace, template: Template) -
     for note in system.notes:
         log.info("%s", note)
     log.info("clock: %s", CLOCKS[system.clock])
+    os.environ["TROCAR_SYSTEM"] = system.name  # connections of its processes that name no system are to this one
     try:
         with supervised(system, chosen.held, template) as supervisor:
             log.info("system %s: %.1f MB of shared memory", system.name, supervisor.size / 1e6)

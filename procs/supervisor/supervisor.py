@@ -272,7 +272,8 @@ class Supervisor:
             ended = child.shown_reason if begins else (
                 f"{child.reason}; not restarted; when that is fixed: {verb_line(f'start {name}', self.system.name)}")
             text = f"{name} ended: {ended}"
-            self.events.report(codes.PROCESS_ENDED, text, name, has_remedy=REMEDY in text)
+            needs_none = REMEDY in text or not lifecycle.may_have_written(child.reason)
+            self.events.report(codes.PROCESS_ENDED, text, name, has_remedy=needs_none)
         elif ending.killed:
             self.killed += 1
             self.events.report(codes.PROCESS_KILLED, f"{name} {ending.text}", name)

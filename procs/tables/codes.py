@@ -174,7 +174,7 @@ BIAS_CHANGED: Final = Code(
     "trocar home NAME; trocar logs --commands shows which program did so")
 IO_SWITCH: Final = Code(
     "io-switch", ERROR, "arm", "io did not carry out a request in time",
-    "trocar home NAME; if it recurs, the log of io gives the reason")
+    "remove the reason that io names here or in its log; then trocar home NAME")
 BIAS_TIMEOUT: Final = Code(
     "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
     "check the potentiometers' values")

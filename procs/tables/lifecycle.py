@@ -33,6 +33,11 @@ def is_meant(reason: str) -> bool:
     return reason.partition(":")[0] in (ASKED, DONE)
 
 
+def may_have_written(reason: str) -> bool:
+    """Whether a process that ended for this reason may have written the cause to its log; a signal gives it no time."""
+    return not any(signal in reason for signal in ("SIGKILL", "SIGSTOP"))
+
+
 def step(state: str, event: str) -> tuple[str, str]:
     """The state after an event, and the action; events without a row change nothing."""
     return TABLE.get((state, event), (state, NOTHING))

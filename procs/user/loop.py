@@ -59,7 +59,8 @@ def live(kind: str, own: type[UserNode] | None = None) -> None:
     faulthandler.enable()  # its log shows where it was when the supervisor ends it (SIGABRT), or C code crashes
     chosen = arguments(kind)
     log = logging.getLogger(chosen.name)
-    ACTING.origin = NOBODY  # no operator has started it: it acts only on operators' commands
+    # No operator has started it: it acts only on commands of operators, and only in the system to which they are given.
+    ACTING.origin, ACTING.system = NOBODY, chosen.system
     try:
         process = (own or found(document_of(chosen.system), chosen.name))(chosen.system, chosen.name)
     except SegmentError as error:  # no such instance, or it is taken

@@ -195,8 +195,8 @@ os.register_at_fork(after_in_child=DESKS.forked)
 
 def begin(system: str) -> Origin:
     """A person's command that takes several steps, see Client.on_behalf: after a fault none of them is carried out."""
-    if ACTING.origin is not None:
-        return ACTING.origin
+    if (acting := ACTING.in_system(system)) is not None:
+        return acting
     generation = 0
     with contextlib.suppress(SegmentError), contextlib.closing(Faults(system)) as faults:
         generation = faults.generation()
@@ -213,7 +213,7 @@ class Client:
         `time_ns` tells whether a stream has paused, `number` numbers the person's commands. `peer`: which client of a
         bridge, see SenderId; `holder`: the bridge's own name, as holder of the place that its clients share.
         """
-        self.instance, self.peer = instance, peer
+        self._system, self.instance, self.peer = system, instance, peer
         self._time_ns, self._new_number = time_ns, number
         self.origin: Origin = NOBODY
         """Of the last command sent."""
@@ -268,9 +268,9 @@ class Client:
 
     def _own_origin(self, streams: bool) -> Origin:
         """A stream is one command of a person: if begun before a fault, it must not continue after it."""
-        if ACTING.origin is not None:
-            self.origin = ACTING.origin
-            return self.origin
+        if (acting := ACTING.in_system(self._system)) is not None:
+            self.origin = acting
+            return acting
         if self._whole is not None:
             return self._whole
         if streams:

@@ -51,6 +51,12 @@ class Acting:
     """
 
     origin: Origin | None = None
+    system: str = ""
+    """Whose operator it is: in other systems the origin counts as nobody's. Empty: of every system."""
+
+    def in_system(self, system: str) -> Origin | None:
+        """The origin of what it does in a system."""
+        return self.origin if self.origin is None or self.system in ("", system) else NOBODY
 
 
 ACTING: Final = Acting()

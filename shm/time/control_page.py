@@ -7,6 +7,7 @@ subscriptions (shm/system/subscriptions.py). Statistics cover the last full seco
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from typing import Any
 
@@ -18,6 +19,7 @@ from trocar.shm.memory.layout import schema_of, shorten
 from trocar.shm.memory.rows import Field, Topic
 from trocar.shm.memory.segment import Make, Segment, SegmentError, create, segment_name
 from trocar.shm.ring.ring import attach
+from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.wakeup import Wakeup
 
 STATES = ("CREATED", "STARTING", "RUNNING", "STOPPING", "STOPPED", "FAILED")
@@ -122,3 +124,12 @@ class ControlPage:
     def close(self) -> None:
         """Unmap."""
         self.segment.close()
+
+
+def silence_s(system: str, instance: str) -> float | None:
+    """Real time since the last heartbeat of an instance, s; None: there is none."""
+    with contextlib.suppress(SegmentError), contextlib.closing(ControlPage(system, instance)) as page:
+        beat_ns = int(page.get("heartbeat_ns"))
+        if 0 < beat_ns <= monotonic_ns():
+            return (monotonic_ns() - beat_ns) * 1e-9
+    return None

@@ -84,9 +84,13 @@ def test_names_that_do_not_fit_are_refused_with_the_known_ones_and_the_key(
     assert len(heard["PSM1"]) == len(heard["ros_bridge"]) == 1
 
 
-def test_positions_and_velocities_of_fewer_joints_are_not_taken_for_positions(
-        bridge: HostedBridge, begin: list[float]) -> None:
-    heard = bridge.refused("PSM1/servo_jp", JointStates(position=[0.01, 0.0, 0.1], velocity=[0.0, 0.0, 0.01]), "PSM1")
+@pytest.mark.parametrize(("names", "position", "velocity"), [
+    ([], [0.01, 0.0, 0.1], [0.0, 0.0, 0.01]), ([], [0.01, 0.0, 0.1, 0.0, 0.0, 0.0] * 2, []),
+    ([], [], [0.01, 0.0, 0.1, 0.0, 0.0, 0.0]), (NAMES, [], [0.01, 0.0, 0.1, 0.0, 0.0, 0.0])])
+def test_numbers_in_other_fields_are_not_taken_for_positions(
+        bridge: HostedBridge, begin: list[float], names: list[str], position: list[float], velocity: list[float]
+) -> None:
+    heard = bridge.refused("PSM1/servo_jp", JointStates(name=names, position=position, velocity=velocity), "PSM1")
     assert setpoint(bridge) == begin and len(heard["PSM1"]) == 1
 
 

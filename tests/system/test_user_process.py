@@ -51,8 +51,9 @@ def system_of_the_page(folder: Path) -> Path:
 def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot: Robot, tmp_path: Path) -> None:
     line, device = pty.openpty()
     tty.setraw(device)
-    robot.environment["FORCE_SENSOR"] = os.ttyname(device)
-    robot.up(system_of_the_page(tmp_path))
+    robot.environment |= {"FORCE_SENSOR": os.ttyname(device), "TROCAR_SYSTEM": "another"}
+    robot.up(system_of_the_page(tmp_path))  # its processes connect to their own system all the same
+    robot.environment["TROCAR_SYSTEM"] = robot.name
     wrench = directory.reader(robot.name, "force", "wrench")
     os.write(line, b"1 2.5 -3\n4 5 ")  # and the beginning of another
     wait_for(lambda: wrench.newest() and wrench.field("force").tolist() == [1.0, 2.5, -3.0], 60, "the sensor's record")

@@ -242,7 +242,7 @@ def test_a_process_that_was_restarted_just_now_is_not_well_yet() -> None:
 def test_one_that_restarts_by_itself_keeps_its_reason_and_needs_no_command(state: str) -> None:
     why = "killed by SIGKILL; automatic restart 2 of 5"
     one = dataclasses.replace(process("nudge", kind="user"), state=state, exit_reason=why)
-    assert first_thing([one], []) == f"nudge is not up yet: {why}; trocar logs supervisor may say why"
+    assert first_thing([one], []) == f"nudge is not up yet: {why}"
     said = dataclasses.replace(one, exit_reason="hung for 5.0 s, killed; where: a line, trocar logs nudge")
     assert first_thing([said], []).endswith(": hung for 5.0 s, killed; where: a line, trocar logs nudge")
 

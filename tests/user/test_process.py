@@ -337,8 +337,11 @@ def test_it_acts_for_nobody_until_a_command_that_moves(make: Callable[..., Mine]
     mine.process_messages()
     to_other.send("go", (0, 0, 0, 0))
     assert to_other.origin == asked
+    monkeypatch.setattr(ACTING, "system", "another")
+    to_other.send("go", (0, 0, 0, 0))
+    assert to_other.origin == NOBODY, "an operator of one system is none of another"
     to_other.close()
-    assert theirs.process_messages() == 2
+    assert theirs.process_messages() == 3
 
 
 def test_who_subscribes_to_what_is_not_there_is_told_what_is(make: Callable[..., Mine]) -> None:

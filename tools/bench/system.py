@@ -34,7 +34,7 @@ from trocar.tools.examples.operator_sim import OperatorSim, Sway, seats
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.inspect.watch import Watch, powered_names
 from trocar.tools.output.errors import Problem
-from trocar.tools.output.printing import number, plain, table
+from trocar.tools.output.printing import counted, number, plain, table
 from trocar.tools.systems.find import instances_of_kind, system_file
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
@@ -206,7 +206,8 @@ def show(result: dict[str, Any]) -> None:
 def _problems(system: str, homed: list[str], missing: list[str], errors: dict[str, tuple[int, list[str]]],
               before: dict[str, Mark], after: dict[str, Mark]) -> list[str]:
     printed = [f"{name} is not homed" for name in powered_names(system) if name not in homed] + missing
-    printed += [f"{name} reported {count} errors: {texts[0]}" for name, (count, texts) in errors.items() if count]
+    printed += [f"{name} reported {counted(count, 'error')}: {texts[0]}"
+                for name, (count, texts) in errors.items() if count]
     restarted = [name for name in after if name in before and before[name].pid != after[name].pid]
     return printed + [f"{name} was restarted" for name in restarted]
 

@@ -18,6 +18,7 @@ from trocar.tools.converters.jsonout import to_json
 from trocar.tools.converters.recognise import OTHER, TODAY, UNKNOWN, Converted, convert_file, with_arm_file
 from trocar.tools.converters.report import Reference
 from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import counted
 
 SUFFIXES = (".xml", ".json", ".rob")
 CHECKED = (".json", ".yaml", ".yml")
@@ -240,7 +241,8 @@ def _changed(own: Path, stock: Path) -> list[str]:
 
 def _fallback(console: Path, reference: Reference, own: Path, stock: Path, changed: list[str]) -> FileProblem:
     more = f"; and {len(changed) - SHOWN} more" if len(changed) > SHOWN else ""
-    text = f"{stock} is read in the place of {own}, {len(changed)} values differ: {'; '.join(changed[:SHOWN])}{more}"
+    text = (f"{stock} is read in the place of {own}, and differs in {counted(len(changed), 'value')}: "
+            f"{'; '.join(changed[:SHOWN])}{more}")
     allowed = f"convert {own.name} in the same run, and name what it becomes in the system file"
     return FileProblem(str(console), reference.line, reference.key, reference.old, text, allowed, WARNING)
 

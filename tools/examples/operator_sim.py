@@ -53,10 +53,15 @@ class SimTeleop(SeenRecord):
         return bool(self.value("following"))
 
     @property
+    def shown_state(self) -> str:
+        """Its state, in words."""
+        return f"{self.name} is {self.value('state')}"
+
+    @property
     def reported(self) -> str:
         """Its state, and the condition it waits for."""
-        state, reason = self.value("state"), self.value("reason")
-        return f"{self.name} is {state}" + (f" ({reason})" if reason else "")
+        reason = self.value("reason")
+        return self.shown_state + (f" ({reason})" if reason else "")
 
 
 class OperatorSim(Closable):

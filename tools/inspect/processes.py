@@ -22,7 +22,7 @@ from trocar.shm.time.clock import boottime_ns, monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools.inspect.replayed import is_replay, recorded_clock
-from trocar.tools.output.printing import number, plain
+from trocar.tools.output.printing import counted, number, plain
 from trocar.tools.systems.find import alive, is_simulated
 from trocar.tools.systems.processes import SUPERVISOR
 
@@ -356,7 +356,8 @@ def _slow(row: Process, page: ControlPage) -> str:
     period_s = float(page.get("period_avg")) if row.kind in PACED else 0.0
     if row.period_s <= 0.0 or period_s <= SLOW * row.period_s:
         return ""
-    return f"runs at {1.0 / period_s:.4g} Hz instead of {1.0 / row.period_s:.4g}"
+    rates = f"{1.0 / period_s:.4g} Hz instead of {1.0 / row.period_s:.4g}"
+    return f"runs at {rates}: this machine is too slow or too busy (trocar doctor)"
 
 
 def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
@@ -396,5 +397,5 @@ def remarks(process: ProcessStatus) -> str:
     if latency:
         in_us = {part: latency[part] * 1e6 for part in PARTS}
         parts.append("reply to write {avg:.0f} ± {std:.0f} µs, {min:.0f} to {max:.0f}, p99 {p99:.0f}".format(**in_us))
-    parts += [f"stalled {process.pauses} times"] if process.pauses else []
+    parts += [f"stalled {counted(process.pauses, 'time')}"] if process.pauses else []
     return "; ".join(parts + ([f"last ended: {process.exit_reason}"] if process.exit_reason else []))

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from trocar.shm.memory.segment import Segment, SegmentError, segment_name
 from trocar.shm.time.system_time import SystemTime, speed_in_words
+from trocar.tools.systems.find import is_up
 from trocar.tools.systems.processes import SUPERVISOR
 
 REPLAY: Final = "REPLAY"
@@ -30,6 +31,8 @@ def recorded_clock(system: str) -> str:
 
 
 def clock_in_words(system: str, time: SystemTime) -> str:
-    """The clock of a system, and its speed."""
+    """The clock of a system, and its speed while its supervisor lives."""
     recorded = recorded_clock(system)
-    return f"{recorded}, as recorded" if recorded else speed_in_words(time)
+    if recorded:
+        return f"{recorded}, as recorded"
+    return speed_in_words(time) if is_up(system) else time.clock

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.machine.verb_lines import REMEDY
 from trocar.procs.tables.codes import IO_TIMEOUT, SHARED_BOARD
-from trocar.procs.tables.lifecycle import DONE, is_meant
+from trocar.procs.tables.lifecycle import DONE, is_meant, may_have_written
 from trocar.procs.tables.operator_waits import OF_THE_OPERATOR
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
@@ -36,7 +36,6 @@ from trocar.tools.systems.processes import SUPERVISOR, commissioning
 FAULT, ON, OFF = "FAULT", "teleoperation on", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "stamp_ns", "monotonic_ns",
               "local_ns")
-UNWRITTEN = "SIGKILL", "SIGSTOP"  # a process ended by these has no time to write to its log
 CAUSED_NS, SEEN_LATER_NS = 3_000_000_000, 500_000_000
 NEVER = "–"  # nothing published yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
@@ -268,11 +267,9 @@ def _with_help(process: ProcessStatus) -> str:
 
 
 def _logs(process: ProcessStatus, told: str) -> str:
-    """The log that may say why it ended, unless it is `told`."""
-    if f"trocar logs {process.name}" in told:
-        return ""
-    is_unwritten = any(word in process.exit_reason for word in UNWRITTEN)
-    return f"; trocar logs {'supervisor' if is_unwritten else process.name} may say why"
+    """The log that may say why it ended, unless it is `told` or cannot."""
+    log = f"trocar logs {process.name}"
+    return "" if log in told or not may_have_written(process.exit_reason) else f"; {log} may say why"
 
 
 def _help(process: ProcessStatus) -> str:

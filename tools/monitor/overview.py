@@ -7,8 +7,7 @@ import os
 from dataclasses import dataclass
 
 from trocar.shm.memory.segment import SegmentError, path_of, segment_name
-from trocar.shm.time.clock import monotonic_ns
-from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.control_page import silence_s
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools.inspect.processes import STALLED, ProcessStatus, statuses
 from trocar.tools.inspect.replayed import clock_in_words
@@ -79,7 +78,7 @@ def overview(system: str) -> Overview:
         clock = clock_in_words(system, time)
     if is_up(system):
         return Overview(system, "RUNNING", None, clock, processes, found)
-    return Overview(system, "dead", _silent_s(system), clock.partition(",")[0], processes, found)
+    return Overview(system, "dead", silence_s(system, SUPERVISOR), clock, processes, found)
 
 
 def identity_of(system: str) -> tuple[int, ...]:
@@ -89,16 +88,3 @@ def identity_of(system: str) -> tuple[int, ...]:
             status = os.stat(path_of(segment_name(system, SUPERVISOR, what)))  # noqa: PTH116
             return status.st_dev, status.st_ino
     return ()
-
-
-def _silent_s(system: str) -> float | None:
-    """Real time since the supervisor's last beat."""
-    with contextlib.suppress(SegmentError), contextlib.closing(_page(system)) as page:
-        beat_ns = int(page.get("heartbeat_ns"))
-        if 0 < beat_ns <= monotonic_ns():
-            return (monotonic_ns() - beat_ns) * 1e-9
-    return None
-
-
-def _page(system: str) -> ControlPage:
-    return ControlPage(system, SUPERVISOR)

@@ -176,6 +176,11 @@ def number(value: float | None, form: str = ".1f") -> str:
     return "–" if value is None or not math.isfinite(value) else format(value, form)
 
 
+def counted(count: int, what: str) -> str:
+    """A count with its noun: 1 value, 3 values."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def span(seconds: float | None) -> str:
     """A duration in readable form: 0.3 s, 12 s, 4 min, 3 h."""
     if seconds is None:

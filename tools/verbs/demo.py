@@ -81,11 +81,13 @@ def demo(
         except KeyboardInterrupt:
             note("stopped before the motion began")
         except (Problem, SegmentError) as problem:
-            ended = f"{problem}. The demo ends here, and its system with it"
-            summary["problems"].append(ended if background.state() == "RUNNING" else STOPPED)
+            summary["problems"].append(f"{problem}. The demo ends here, and its system with it")
         finally:
-            with contextlib.suppress(Problem, SegmentError), progress("power off") as say:
-                bring_all(system, (), DISABLED, say=say)
+            if background.state() == "RUNNING":  # not of the next system of this name
+                with contextlib.suppress(Problem, SegmentError), progress("power off") as say:
+                    bring_all(system, (), DISABLED, say=say)
+            else:  # all else that was seen may be of the next one
+                summary["problems"] = [STOPPED]
     summary["supervisor_exit"] = background.popen.returncode
     if background.popen.returncode:
         summary["problems"].append(f"the supervisor ended with {background.popen.returncode}")
@@ -161,16 +163,16 @@ def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], sec
             if k % LINE_EVERY == 0:
                 trace.collect()
                 so_far = f"{k / RATE_HZ:.0f} s" + (f" of {seconds:g} s" if seconds else "")
-                parts, fault = _state(run.system, teleop, time)
-                if fault and fault != reported:
-                    line.report(fault)
-                reported = fault
+                parts, cause = _state(run.system, teleop, time)
+                if cause and cause != reported:
+                    line.report(cause)
+                reported = cause
                 line.show([so_far, *parts])
     trace.collect()
 
 
 def _state(system: str, teleop: SimTeleop, time: SystemTime) -> tuple[list[str], str]:
-    """What a line shows, the most important first, and a sentence about what is in FAULT; empty: nothing is."""
+    """What a line shows, the most important first; and in a sentence what is in FAULT, or else why no arm follows."""
     processes = statuses(system)
     found = standings(system, processes)
     faults = [one.name for one in found if one.is_fault]
@@ -178,10 +180,10 @@ def _state(system: str, teleop: SimTeleop, time: SystemTime) -> tuple[list[str],
     rate, missed = (io.rate_hz, io.missed) if io is not None else (None, 0)
     goal = " ".join(f"{x * 1e3:+7.2f}" for x in teleop.value("goal_cp")[:3] if x is not None)
     parts = [f"FAULT: {' '.join(faults)}"] if faults else []
-    parts += [f"{teleop.slave} follows {teleop.masters[0]}" if teleop.is_following else teleop.reported]
+    parts += [f"{teleop.slave} follows {teleop.masters[0]}"] if teleop.is_following else [teleop.shown_state]
     parts += [f"io {number(rate, '.0f')} Hz, {missed} missed", f"goal {goal} mm"]
     parts += [f"{time.clock} {time.speed:.2f}"] if time.simulated else []
-    return parts, first_thing(processes, found) if faults else ""
+    return parts, first_thing(processes, found) if faults else "" if teleop.is_following else teleop.reported
 
 
 def judged(summary: dict[str, Any], reported: str, simulated: bool) -> dict[str, Any]:

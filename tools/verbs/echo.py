@@ -16,11 +16,12 @@ from trocar.procs.crtk.topics import EVENT, RECORD, find
 from trocar.procs.crtk.views import OpenTopic, event_as_dict, state_as_event
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import silence_s
 from trocar.tools.inspect.enumerations import in_words
 from trocar.tools.inspect.messages import line
 from trocar.tools.output.columns import columns_file, path_of, shaped, values_of
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.printing import emit, need_reader, note, table, tell, width
+from trocar.tools.output.printing import emit, need_reader, note, span, table, tell, width
 from trocar.tools.output.tables import wrapped
 from trocar.tools.systems.find import chosen_system
 from trocar.tools.verbs.options import JsonOption, SystemOption
@@ -225,8 +226,14 @@ def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
             shown = _text(in_words(field, value) if field is not None else value)
             shown += f"; {source.why_invalid}" if key == "valid" and not value else ""
             rows.append((key, shown, field.unit if field is not None and value is not None else ""))
-    title = f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms"
+    title = f"{source.entry.name}  sequence {row['sequence']}  age {_age(source)}"
     table(title + (f"\nproblem: {problem}" if problem else ""), ("field", "value", "unit"), rows)
+
+
+def _age(source: OpenTopic) -> str:
+    """Of the record; after the writer's death at least the time since its last heartbeat: the system's may stand."""
+    age_s = max(source.age_s, (silence_s(source.system, source.entry.instance) or 0.0) if source.problem() else 0.0)
+    return f"{age_s * 1e3:.1f} ms" if age_s < 1.0 else span(age_s)
 
 
 def _text(value: Any) -> str:

@@ -14,7 +14,7 @@ from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.remote import Remote
 from trocar.tools.inspect.gains import ALL, Present, present
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.printing import answer, emit, note, table, tell
+from trocar.tools.output.printing import answer, counted, emit, note, table, tell
 from trocar.tools.systems.find import chosen_system, unknown
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -137,7 +137,7 @@ def save(
                                "changed": saved.changed, "backup": str(saved.backup or ""), "notes": saved.notes}
         emit(row)
         return 0
-    differ = f"{len(saved.changed)} values differ from {found.file or 'nothing'}"
+    differ = f"differs in {counted(len(saved.changed), 'value')} from {found.file or 'nothing'}"
     tell(f"{file}: {differ}" + (f": {', '.join(saved.changed)}" if saved.changed else ""))
     for text in saved.notes:
         note(text)
