@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from trocar.procs.io.assemble import BoardParts, IoContext, Parts
+from trocar.procs.io.assemble import IoContext, Parts
 from trocar.procs.io.bus.exchange import ExchangeSettings
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import CONTROLLED, IO, LIMIT, MISSED, NOT_FINITE, SENT, STATUS, TRACK, TRACKING
@@ -22,7 +22,7 @@ from trocar.procs.native.library import bind
 class Halves:
     """Both halves for one io."""
 
-    def __init__(self, parts: BoardParts, context: IoContext, uses: tuple[int, float, float], *, native: bool = True
+    def __init__(self, parts: Parts, context: IoContext, uses: tuple[int, float, float], *, native: bool = True
                  ) -> None:
         """`parts` have the arrays, under the names of procs/native/io_fields.py. `uses`: see ExchangeSettings.
         `native`: use the native library if there is one.
