@@ -1,6 +1,6 @@
 """KINEMATIC robots: no boards, no motors; every actuator follows its setpoint at once and exactly.
 
-What io sees is a port and samples like those of boards, so all else of io is the same. Here, power, relays and
+What io sees is a port with a board for each robot, and samples, so all else of io is the same. Power, relays and
 amplifiers are as commanded, encoders are always set, no sample is missed, and:
 
     power on      puts the joints to 0, as in the reference
@@ -20,11 +20,10 @@ import numpy as np
 
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.assemble import IoContext, Parts
-from trocar.procs.io.bus.link import Quads
 from trocar.procs.io.bus.port import Port
 from trocar.procs.io.cycle import RobotIo
 from trocar.procs.io.halves import Halves, track
-from trocar.procs.io.record import Flags, Floats, IoRecord
+from trocar.procs.io.record import Flags, Floats
 from trocar.procs.io.robots import Robots
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import IO, STATUS
@@ -42,41 +41,12 @@ def kinematic_io(context: IoContext) -> RobotIo:
     """The io of KINEMATIC robots; they stay at the positions that a previous process left in the record."""
     robots = Robots(context.io)
     where = np.where(np.isfinite(context.record.position), context.record.position, 0.0)
-    core = RobotIo(context, KinematicPort(robots, context.now_ns), np.ones(robots.axes, dtype=bool), KinematicHalves)
+    port = Port(robots.board_ids, context.now_ns, max(len(robot.actuators) for robot in context.io.robots))
+    core = RobotIo(context, port, np.ones(robots.axes, dtype=bool), KinematicHalves)
     core.samples.position[...] = where
     for name in robots.names:
         core.reports.status("KINEMATIC: no boards, no motors; positions follow the setpoints exactly", name)
     return core
-
-
-class KinematicPort(Port):
-    """A board for each robot; registers keep what is written to them."""
-
-    def __init__(self, robots: Robots, now_ns: Callable[[], int]) -> None:
-        super().__init__(robots.board_ids)
-        self.make_rows(max(len(robot.actuators) for robot in robots.io.robots))
-        self._now_ns, self._registers = now_ns, dict[tuple[int, int], int]()
-
-    def ask_all(self) -> None:
-        """Nothing is to be asked."""
-
-    def read_all(self) -> bool:
-        """Always good, and at once."""
-        self.recv_ns = self._now_ns()
-        return True
-
-    def write_all(self) -> bool:
-        """Always good, and at once."""
-        self.send_ns = self._now_ns()
-        return True
-
-    def write_quadlet(self, board: int, address: int, value: int) -> None:
-        """Keep the value."""
-        self._registers[board, address] = value
-
-    def peek(self, board: int, address: int, quads: int = 1) -> Quads:
-        """The values kept, 0 for those that never were written."""
-        return np.array([self._registers.get((board, address + n), 0) for n in range(quads)], np.uint32)
 
 
 class KinematicHalves(Halves):
@@ -98,7 +68,12 @@ class KinematicHalves(Halves):
         self._stamps_ns, self._moves = [0] * self._robots.count, [False] * self._robots.count
         self._step: Floats = np.zeros(self._robots.axes)
         self._driven: Flags = np.zeros(self._robots.axes, dtype=bool)
-        _show_what_is_not_there(parts.record)
+        record = parts.record
+        record.simulated[...] = True
+        for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,
+                      record.pot_voltage, record.current, record.current_request, record.temperature,
+                      record.board_period):
+            field[...] = np.nan
 
     def decode_and_check(self) -> int:
         """The bits of `receive_and_check`: positions are never too far from their setpoints, nor values too large."""
@@ -156,11 +131,3 @@ class KinematicHalves(Halves):
         samples.position[(has_power & ~had_power)[robots.board_row[: robots.axes]]] = 0.0
         np.logical_and(self._record.amp_enabled, has_power[robots.board_row], self._record.amp_on)
         samples.amp_on[...] = self._record.amp_on
-
-
-def _show_what_is_not_there(record: IoRecord) -> None:
-    """Set values that no sensor measures to NaN."""
-    record.simulated[...] = True
-    for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,
-                  record.pot_voltage, record.current, record.current_request, record.temperature, record.board_period):
-        field[...] = np.nan

@@ -51,9 +51,9 @@ class IoLoop(runtime.Loop):
         if io.port:
             port = self._take_port(io, robots)
             self._core = RobotIo(context, port, prepare(robots, port))
-            node.computes(self._core.halves.why_numpy)
         else:
             self._core = kinematic_io(context)
+        node.computes(self._core.halves.why_numpy)
         self._subscriptions, bits = node.subscriptions, node.subscriptions.bits
         self._parts = ((bits("state", "software_velocity"), SOFTWARE_VELOCITY),
                        (bits("state", "acceleration"), ACCELERATION))

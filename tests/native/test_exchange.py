@@ -314,7 +314,7 @@ def test_after_a_bus_reset_the_call_goes_on(psm: SocketHarness) -> None:
 
 def test_without_the_calls_a_sample_is_just_read(psm: SocketHarness) -> None:
     psm.port.exchange = None
-    assert psm.once() == [] and psm.record.valid and psm.port.counters.writes
+    assert psm.once() == [0, CONTROLLED] and psm.record.valid and psm.port.counters.writes
 
 
 def test_the_struct_is_bound_to_arrays_that_stay(psm: SocketHarness) -> None:

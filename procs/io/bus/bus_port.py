@@ -55,7 +55,7 @@ class BusPort(Port):
                  protocol: str = BROADCAST_QUERY, *, bridge: bool = False, real_time: bool = True,
                  exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
                  first_control: int = 0, quiet: bool = False, spin_ns: int = 0) -> None:
-        super().__init__(board_ids)
+        super().__init__(board_ids, now_ns)
         where = f"port {transport.where}"
         wrong = [b for b in self.board_ids if not 0 <= b <= 15]
         if wrong or len(set(self.board_ids)) != len(self.board_ids):
@@ -162,7 +162,7 @@ class BusPort(Port):
         self._check_size(layouts)
         width = max(max(layout.motors, layout.encoders) for layout in layouts)
         if width != self.columns.width:
-            self.make_rows(width)
+            self._make_rows(width)
         self.hardware = tuple(info.hardware for info in wanted_boards)
         wanted = {board: self._nodes[board] for board in {*self.board_ids, hub.board}}
         rows = Rows(self.board_ids, layouts, self.columns, self.blocks, self.out, self.bad, self.away, wanted,
@@ -213,7 +213,7 @@ class BusPort(Port):
 
     def _make_exchange(self) -> None:
         """Possible with one query to all boards, one write to all, and the machine's clock."""
-        reader, writer, settings = self._reader, self._writer, self._settings
+        reader, writer, settings = self._reader, self._writer, self.settings
         if (settings is not None and self._link.real_time and isinstance(reader, QueryRead)
                 and isinstance(writer, BroadcastWrite)):
             self.exchange = Exchange(self._link, reader, writer, settings)

@@ -73,7 +73,7 @@ class Exchange:
                 self._receive, self._send = (bound.function(name) for name in EXCHANGE.functions)
 
     def receive_and_check(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """See `BusPort.receive_and_check`."""
+        """Bits of `Halves.receive_and_check`. After `over_ns`, on CLOCK_BOOTTIME, nothing is sent."""
         link, reader = self.link, self._reader
         tl, timeout_ms = reader.request(), link.cycle_timeout_ms
         if tl == UNSENT:

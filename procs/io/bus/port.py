@@ -1,32 +1,34 @@
-"""What io needs of its boards: rows of their newest sample and their next commands, a read and a write a cycle, and
-single registers. Buses are in bus_port.py, the boards of KINEMATIC robots in procs/io/kinematic.py.
+"""Boards as io sees them: rows of their newest sample and of their next commands, and single registers.
+
+Here, they are memory: every read and write succeeds at once, and registers keep what is written to them. KINEMATIC
+robots need no more (procs/io/kinematic.py). `BusPort` has the same of a bus.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.bus.exchange import Exchange, ExchangeSettings
 from trocar.procs.io.bus.link import Counters, Quads
-from trocar.procs.native.io_fields import MISSED, SENT
 
 
-class Port(ABC):
-    """Boards, and how a cycle reads and writes them. `board_ids` may come in any order; array rows are the boards in
+class Port:
+    """Boards, and a read and a write of all a cycle. `board_ids` may come in any order; array rows are the boards in
     ascending id.
     """
 
     exchange: Exchange | None = None
     """The native calls of a cycle; None: this bus or this machine has none."""
-    _settings: ExchangeSettings | None = None
+    settings: ExchangeSettings | None = None
 
-    def __init__(self, board_ids: Sequence[int]) -> None:
-        self.board_ids = tuple(sorted(board_ids))
-        self.make_rows(registers.AXES)
+    def __init__(self, board_ids: Sequence[int], now_ns: Callable[[], int], width: int = registers.AXES) -> None:
+        """`width`: motors of a board, at most."""
+        self.board_ids, self._now_ns = tuple(sorted(board_ids)), now_ns
+        self._registers: dict[tuple[int, int], int] = {}
+        self._make_rows(width)
         self.away = np.zeros(len(self.board_ids), np.bool_)
         """(n_boards,): boards that have left the bus. Their rows keep their values; samples of the other boards are
         valid.
@@ -37,8 +39,7 @@ class Port(ABC):
         """When the last write was sent."""
         self.counters = Counters(len(self.board_ids))
 
-    def make_rows(self, width: int) -> None:
-        """Make the arrays, with room for `width` motors a board."""
+    def _make_rows(self, width: int) -> None:
         count = len(self.board_ids)
         self.hardware = ("QLA1",) * count
         """Hardware of every board: QLA1, DQLA or dRA1; known, like all arrays, after discovery."""
@@ -55,58 +56,27 @@ class Port(ABC):
         """ADDRESS:PORT of the unknown sender of the newest ignored datagram; empty: there was none."""
         return ""
 
-    @abstractmethod
-    def ask_all(self) -> None:
-        """Have every board sample, where there is a step for it; the boards sample while the caller works."""
-
-    @abstractmethod
-    def read_all(self) -> bool:
-        """Sample every board that is not `away` into `blocks`; False if one fails, then `blocks` is unchanged."""
-
-    @abstractmethod
-    def write_all(self) -> bool:
-        """Send `out` to every board, also after a bad read, then zero its control words."""
-
-    @abstractmethod
-    def write_quadlet(self, board: int, address: int, value: int) -> None:
-        """Write one register of one board."""
-
-    @abstractmethod
-    def peek(self, board: int, address: int, quads: int = 1) -> Quads | None:
-        """Quadlets of one board, read once between two cycles; None without an answer within a cycle."""
-
     def set_exchange(self, settings: ExchangeSettings) -> None:
         """Have `exchange` do io's halves with these settings from now on, where the native library can."""
-        self._settings = settings
+        self.settings = settings
 
-    def receive_and_check(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """`read_all` and the checks behind it, by `exchange`: bits of `Halves.receive_and_check`.
+    def ask_all(self) -> None:
+        """Have every board sample, where there is a step for it."""
 
-        Without a bit, for samples before `wake_ns`, `control_and_send` follows in the same call. `good_ns`: when the
-        previous sample arrived; `gap_ns`: mean interval of the samples so far; `over_ns`: see `control_and_send`.
-        """
-        exchange, counters = self.exchange, self.counters
-        assert exchange is not None
-        bits = exchange.receive_and_check(good_ns, wake_ns, over_ns, gap_ns)
-        self.recv_ns = exchange.link.recv_ns
-        counters.reads += 1
-        if bits & MISSED:
-            counters.bad_reads += 1
-        self._note(bits, exchange)
-        return bits
+    def read_all(self) -> bool:
+        """Sample every board into `blocks`; whether that succeeds."""
+        self.recv_ns = self._now_ns()
+        return True
 
-    def control_and_send(self, share: float, has_sample: bool, over_ns: int) -> int:
-        """The efforts and `write_all`, by `exchange`; without SENT in the result, `write_all` is still to be called.
+    def write_all(self) -> bool:
+        """Send `out` to every board; whether that succeeds."""
+        self.send_ns = self._now_ns()
+        return True
 
-        After `over_ns`, on CLOCK_BOOTTIME, nothing is sent.
-        """
-        exchange = self.exchange
-        assert exchange is not None
-        bits = exchange.control_and_send(share, has_sample, over_ns)
-        self._note(bits, exchange)
-        return bits
+    def write_quadlet(self, board: int, address: int, value: int) -> None:
+        """Write one register of one board."""
+        self._registers[board, address] = value
 
-    def _note(self, bits: int, exchange: Exchange) -> None:
-        if bits & SENT:
-            self.send_ns = exchange.link.send_ns
-            self.counters.writes += 1
+    def peek(self, board: int, address: int, quads: int = 1) -> Quads | None:
+        """Quadlets of one board, read once between two cycles; None without an answer within a cycle."""
+        return np.array([self._registers.get((board, address + n), 0) for n in range(quads)], np.uint32)
