@@ -155,6 +155,13 @@ def test_joints_in_effort_mode_stay_and_their_velocity_is_zero(powered: Kinemati
     assert powered.record.setpoint_effort == pytest.approx(np.ones(7)) and not powered.record.effort.any()
 
 
+def test_a_slow_loop_is_no_fault_of_a_robot_that_needs_no_control(powered: KinematicStage) -> None:
+    for _ in range(2500):  # 15 s, at a fraction of the rate
+        powered.clock.ns += 5 * PERIOD_NS
+        powered.run()
+    assert powered.codes == [] and powered.record.powered[0] and powered.record.pid_enabled[0]
+
+
 def test_disabled_robot_holds_its_position(powered: KinematicStage) -> None:
     powered.send(position=SEVEN)
     powered.run()
