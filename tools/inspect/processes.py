@@ -356,7 +356,7 @@ def _slow(row: Process, page: ControlPage) -> str:
     period_s = float(page.get("period_avg")) if row.kind in PACED else 0.0
     if row.period_s <= 0.0 or period_s <= SLOW * row.period_s:
         return ""
-    return f"runs at {1 / period_s:.4g} Hz instead of {1 / row.period_s:.4g}: too slow or busy a machine (trocar doctor)"
+    return f"runs at {1 / period_s:.4g} Hz instead of {1 / row.period_s:.4g}: this machine is too slow (trocar doctor)"
 
 
 def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
