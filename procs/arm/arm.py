@@ -216,7 +216,7 @@ class ArmLogic:
         io, machine, control = self.io, self.machine, self.control
         self._epoch = io.epoch
         if self._previous_state is not None:
-            control.streams.restart(control.now_ns)
+            control.streams.restart(control.now_ns, self._around.stall or "the arm's process was restarted")
         begin = beginning(self._previous_state, io)
         machine.reason = machine.fault_text = begin.reason
         control.motion.hold(io.setpoint, Mode.NONE)

@@ -42,4 +42,5 @@ class ArmContext:
     setup_base: SetupBase | None = None  # the setup joints that carry it
     reading: Callable[[], ToolReading] = ToolReading  # the last reading of its instrument's memory by io
     motors: Sequence[float] = ()  # the largest efforts of its actuators; empty: not known
+    stall: str = ""  # the stall after which its process restarted; empty: the process was started
     faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # commands given before a fault are void

@@ -184,7 +184,8 @@ class ArmLoop(runtime.Loop):
             node.events, fault_reports(self._io, node.reads(arm.io, "events"), arm.robot),
             power_report=power_reports(self._io, io, number), gripper=gripper_in(io, arm),
             setup_base=setup_base(node, arm), motors=motor_efforts(io.robots[number]),
-            reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
+            reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader), stall=node.stall,
+            faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         node.follows(arm.io)

@@ -66,11 +66,11 @@ class Streams:
         """The sender of the stream or move that the arm follows."""
         self.asking: Stream | None = None
         """The stream whose goal is being checked."""
-        self._restarted_ns = -STREAM_PAUSE_NS
+        self._restarted_ns, self._restart = -STREAM_PAUSE_NS, ""
 
-    def restart(self, now_ns: int) -> None:
-        """The process restarts: a stream within STREAM_PAUSE_NS may be one from before the restart, and is ended."""
-        self._restarted_ns = now_ns
+    def restart(self, now_ns: int, reason: str) -> None:
+        """The process restarts: a stream within STREAM_PAUSE_NS may be one from before, and is ended with `reason`."""
+        self._restarted_ns, self._restart = now_ns, reason
 
     def objection(self, kind: StreamKind, sender: Hashable, request: Request, now_ns: int) -> str:
         """Why the next goal of a stream is refused, "": it is accepted.
@@ -153,5 +153,5 @@ class Streams:
         stream = self._streams[kind, sender] = Stream(kind, sender, program, now_ns)
         if (now_ns - self._restarted_ns < STREAM_PAUSE_NS
                 and request.command.effect_for(request.text, request.values) > FREE):
-            stream.ended = "the arm's process was restarted"
+            stream.ended = self._restart
         return stream

@@ -119,6 +119,20 @@ def test_what_a_new_loop_asks_for_is_accepted_whatever_it_was_doing(room: Restar
     assert not room.audits.refused()
 
 
+@pytest.mark.parametrize(("stalled_ms", "what"), [(0, "the arm's process was restarted"),
+                                                  (50, "PSM1 stalled for 0.05 s")])
+def test_a_stream_that_ended_with_its_arms_process_learns_whether_that_was_restarted_or_stalled(
+        room: Restarts, stalled_ms: int, what: str) -> None:
+    room.ready()
+    if stalled_ms:
+        room.host.loops["PSM1"].node.report_pause(stalled_ms * 1_000_000)
+    room.host.restart("PSM1", killed=not stalled_ms)
+    room.people["PSM1"].send("servo_jr", (0.0,) * 6)
+    room.host.run(SHORT_S)
+    (reply,) = room.people["PSM1"].poll()
+    assert reply.text == f"servo_jr: this stream has ended: {what}; pause for 0.5 s before the next one"
+
+
 # -- the lens of an endoscope, on emulated boards ----------------------------------------------------------------------
 
 OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
