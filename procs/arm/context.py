@@ -38,6 +38,7 @@ class ArmContext:
     reports: Events
     fault_report: Callable[[int], FaultReport]  # io's report of its latched fault
     power_report: Callable[[], FaultReport] = power_lost  # the amplifiers that are off after a loss of power
+    io_stall: Callable[[int], str] = lambda since_ns: ""  # io's stall since then, after which it restarted; "": none
     gripper: int = -1  # axis of its gripper in io's record, -1: none
     setup_base: SetupBase | None = None  # the setup joints that carry it
     reading: Callable[[], ToolReading] = ToolReading  # the last reading of its instrument's memory by io

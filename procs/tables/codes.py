@@ -163,7 +163,7 @@ IO_TIMEOUT: Final = Code(
     "io-timeout", ERROR, "arm", "io does not answer",
     "wait until io is back, or start it by its name with trocar start; then trocar home NAME")
 IO_RESTARTED: Final = Code(
-    "io-restarted", ERROR, "arm", "io was restarted", "trocar home NAME; the log of io may say why it ended")
+    "io-restarted", ERROR, "arm", "io was restarted", "trocar home NAME; the log of io may say why")
 IO_FAULT: Final = Code(
     "io-fault", ERROR, "arm", "io reports a fault with an unknown number", "run all processes from the same version")
 PID_OFF: Final = Code(
