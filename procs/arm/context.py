@@ -44,4 +44,5 @@ class ArmContext:
     reading: Callable[[], ToolReading] = ToolReading  # the last reading of its instrument's memory by io
     motors: Sequence[float] = ()  # the largest efforts of its actuators; empty: not known
     stall: str = ""  # the stall after which its process restarted; empty: the process was started
+    simulated: bool = False  # the system's time is simulated
     faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # commands given before a fault are void

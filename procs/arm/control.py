@@ -71,7 +71,7 @@ class Control:
         self._effort_limits = EffortLimits(around.motors, self.joints)
         self.efforts = Efforts(self.cartesian, self._effort_limits, self.joints.size, arm.effort_timeout_s)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
-        self.streams, self._base_steps = Streams(), BaseSteps()
+        self.streams, self._base_steps = Streams(simulated=around.simulated), BaseSteps()
         self.gravity = Weight(arm)
         self.driving: Generations | None = None
         """Set once the joint controller was seen on and following our setpoints."""

@@ -200,7 +200,7 @@ class ArmLoop(runtime.Loop):
             power_report=power_reports(self._io, io, number), io_stall=io_stalls(events, arm.io),
             gripper=gripper_in(io, arm), setup_base=setup_base(node, arm), motors=motor_efforts(io.robots[number]),
             reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader),
-            stall=node.stall, faults=faults))
+            stall=node.stall, simulated=node.simulated, faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         node.follows(arm.io)

@@ -58,7 +58,10 @@ class Stream:
 class Streams:
     """The streams of one arm. A sender is any hashable value that differs between programs."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, simulated: bool = False) -> None:
+        """`simulated`: the system's time, in which pauses are measured, is simulated."""
+        time = " of the system's time" if simulated else ""
+        self._pause = f"pause for {STREAM_PAUSE_NS * 1e-9:g} s{time}"
         self._streams: dict[tuple[StreamKind, Hashable], Stream] = {}
         self._owners: dict[StreamKind, Stream] = {}
         """For each kind the stream whose goal was accepted last."""
@@ -92,7 +95,7 @@ class Streams:
         if owner is stream and not stream.ended:
             return ""
         if stream.ended:
-            return f"{STREAM_ENDED}: {stream.ended}; pause for {STREAM_PAUSE_NS * 1e-9:g} s before the next one"
+            return f"{STREAM_ENDED}: {stream.ended}; {self._pause} before the next one"
         if owner is not None and kind is not StreamKind.EFFORT and now_ns - owner.taken_ns <= STREAM_NS:
             return f"{owner.program} is streaming {WORDS[kind]}; stop it first (hold)"
         return ""

@@ -137,7 +137,8 @@ def test_a_stream_that_ended_with_its_arms_process_learns_whether_that_was_resta
     room.people["PSM1"].send("servo_jr", (0.0,) * 6)
     room.host.run(SHORT_S)
     (reply,) = room.people["PSM1"].poll()
-    assert reply.text == f"servo_jr: this stream has ended: {what}; pause for 0.5 s before the next one"
+    assert reply.text == (
+        f"servo_jr: this stream has ended: {what}; pause for 0.5 s of the system's time before the next one")
     assert warning(room) == f"PSM1: {reply.text}"
 
 
