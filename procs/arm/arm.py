@@ -215,17 +215,19 @@ class ArmLogic:
         self._started = True
         io, machine, control = self.io, self.machine, self.control
         self._epoch = io.epoch
+        restart = self._around.stall or "the arm's process was restarted"
         if self._previous_state is not None:
-            control.streams.restart(control.now_ns)
-        begin = beginning(self._previous_state, io)
-        machine.reason = machine.fault_text = begin.reason
+            control.streams.restart(control.now_ns, restart)
+        begin = beginning(self._previous_state, io, self._around, restart)
         control.motion.hold(io.setpoint, Mode.NONE)
         control.held = begin.state is ArmState.ENABLED
         if ArmState.HOMED in (begin.state, begin.paused):
             control.homed_generation = int(io.bias_generation.item())
             control.must_bias = False
             control.driving = Generations.now(io)
-        if begin.state is ArmState.DISABLED:
+        if begin.state is ArmState.FAULT:
+            machine.fault(begin.found)
+        elif begin.state is ArmState.DISABLED:
             machine.publish()
         else:
             machine.place(begin.state, begin.paused)
@@ -241,7 +243,7 @@ class ArmLogic:
             self._epoch = io.epoch
             return
         found = problem(state, io, self._epoch, control.driving, self._around.fault_report,
-                        self._around.power_report)
+                        self._around.power_report, self._around.io_stall)
         if found.code is not None:
             self.machine.fault(found)
 

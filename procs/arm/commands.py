@@ -77,7 +77,7 @@ class ArmCommands:
         if row.ready is not Ready.ALWAYS:
             self._need(command.name, row.ready)
         if why:
-            raise control.refusal(codes.STREAM_REFUSED, command.name, why, REPORT_NS)
+            raise control.refusal(codes.STREAM_REFUSED, command.name, why, REPORT_NS, has_remedy=True)
         text = row.do(request)
         if kind is not None:
             streams.take(control.now_ns)

@@ -38,8 +38,11 @@ class ArmContext:
     reports: Events
     fault_report: Callable[[int], FaultReport]  # io's report of its latched fault
     power_report: Callable[[], FaultReport] = power_lost  # the amplifiers that are off after a loss of power
+    io_stall: Callable[[int], str] = lambda since_ns: ""  # io's stall since then, after which it restarted; "": none
     gripper: int = -1  # axis of its gripper in io's record, -1: none
     setup_base: SetupBase | None = None  # the setup joints that carry it
     reading: Callable[[], ToolReading] = ToolReading  # the last reading of its instrument's memory by io
     motors: Sequence[float] = ()  # the largest efforts of its actuators; empty: not known
+    stall: str = ""  # the stall after which its process restarted; empty: the process was started
+    simulated: bool = False  # the system's time is simulated
     faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # commands given before a fault are void

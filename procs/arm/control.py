@@ -71,7 +71,7 @@ class Control:
         self._effort_limits = EffortLimits(around.motors, self.joints)
         self.efforts = Efforts(self.cartesian, self._effort_limits, self.joints.size, arm.effort_timeout_s)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
-        self.streams, self._base_steps = Streams(), BaseSteps()
+        self.streams, self._base_steps = Streams(simulated=around.simulated), BaseSteps()
         self.gravity = Weight(arm)
         self.driving: Generations | None = None
         """Set once the joint controller was seen on and following our setpoints."""
@@ -120,15 +120,16 @@ class Control:
         """Report a status of this arm."""
         self.reports.status(f"{self.arm.name}: {text}", self.arm.name)
 
-    def report(self, code: Code, text: str, every_ns: int = 0) -> None:
+    def report(self, code: Code, text: str, every_ns: int = 0, has_remedy: bool = False) -> None:
         """Report a warning, or an error that does not stop this arm; the same code again only after `every_ns`."""
         if self.now_ns - self._reported_ns.get(code, -NEVER_NS) >= every_ns:
             self._reported_ns[code] = self.now_ns
-            self.reports.report(code, f"{self.arm.name}: {text}", self.arm.name)
+            self.reports.report(code, f"{self.arm.name}: {text}", self.arm.name, has_remedy=has_remedy)
 
-    def refusal(self, code: Code, name: str, reason: str, every_ns: int = 0) -> CommandRefused:
-        """Report the refusal of command `name`; returns the exception to raise."""
-        self.report(code, f"{name}: {reason}", every_ns)
+    def refusal(self, code: Code, name: str, reason: str, every_ns: int = 0, *,
+                has_remedy: bool = False) -> CommandRefused:
+        """Report the refusal of command `name`; returns the exception to raise. `has_remedy`: see Events.report."""
+        self.report(code, f"{name}: {reason}", every_ns, has_remedy)
         return CommandRefused(reason)
 
     def report_episode(self, code: Code, text: str) -> None:
@@ -212,7 +213,7 @@ class Control:
         if self._is_streaming and streams.asking is not None:
             streams.end_one(streams.asking, f"it jumped: {why}")
             self._hold(why)
-        return self.refusal(codes.STREAM_JUMP, name, f"{why}: {remedy}", REPORT_NS)
+        return self.refusal(codes.STREAM_JUMP, name, f"{why}: {remedy}", REPORT_NS, has_remedy=True)
 
     def _report_slow(self) -> None:
         governor = self.motion.governor

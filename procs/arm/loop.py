@@ -21,7 +21,7 @@ from trocar.procs.node.fault_report import FaultReport, axis_titles, boards_of, 
 from trocar.procs.node.inputs import SETUP_LATE_S
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
-from trocar.procs.tables.codes import AMPLIFIER
+from trocar.procs.tables.codes import AMPLIFIER, Code
 from trocar.procs.tables.manifest import proc
 from trocar.procs.user.classes import class_named
 from trocar.shm.ring.ring import RingReader
@@ -81,6 +81,21 @@ def readings(ring: RingReader, io: IoConfig, reader: str) -> Callable[[], ToolRe
     return newest
 
 
+def newest(events: RingReader, code: Code | None, component: str, since_ns: int) -> np.void | None:
+    """The newest event with this code and component since shortly before a record with this stamp."""
+    return next((row for row in events.since(since_ns - RECENT_NS)[::-1]
+                 if code and row["code"] == code.code.encode() and row["component"] == component.encode()), None)
+
+
+def io_stalls(events: RingReader, io: str) -> Callable[[int], str]:
+    """io's report of the stall after which it restarted; an io that crashed reports none."""
+    def report(since_ns: int) -> str:
+        row = newest(events, codes.HELD_UP, io, since_ns)
+        return "" if row is None else str(row["text"].decode(errors="replace"))
+
+    return report
+
+
 def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int], FaultReport]:
     """io's newest report of a fault of `robot`, else the text of the fault table. `io` reads the record.
 
@@ -89,11 +104,11 @@ def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int
 
     def report(number: int) -> FaultReport:
         known = reported(number)
-        for row in events.since(io.stamp_ns - RECENT_NS)[::-1]:
-            if known.code and row["code"] == known.code.code.encode() and row["component"] == robot.encode():
-                return FaultReport(known.code, row["text"].decode(errors="replace"), int(row["axis"]),
-                                   int(row["board"]), float(row["value"]), float(row["limit"]))
-        return known
+        row = newest(events, known.code, robot, io.stamp_ns)
+        if row is None:
+            return known
+        return FaultReport(known.code, row["text"].decode(errors="replace"), int(row["axis"]), int(row["board"]),
+                           float(row["value"]), float(row["limit"]))
 
     return report
 
@@ -176,15 +191,16 @@ class ArmLoop(runtime.Loop):
         number, first_axis = place_in(io, arm)
         self._io = LastGood(node.reads(arm.io, "state"))
         self._setpoint, self._state = node.writes("setpoint"), node.writes("state")
-        faults = node.fault_cell()
+        faults, events = node.fault_cell(), node.reads(arm.io, "events")
         self._mailbox = node.mailbox(faults)
         self.arm = logic_of(arm)(arm, ArmContext(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), node.commands(arm.io), self._state.field, self._setpoint.field,
-            node.events, fault_reports(self._io, node.reads(arm.io, "events"), arm.robot),
-            power_report=power_reports(self._io, io, number), gripper=gripper_in(io, arm),
-            setup_base=setup_base(node, arm), motors=motor_efforts(io.robots[number]),
-            reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
+            node.events, fault_reports(self._io, events, arm.robot),
+            power_report=power_reports(self._io, io, number), io_stall=io_stalls(events, arm.io),
+            gripper=gripper_in(io, arm), setup_base=setup_base(node, arm), motors=motor_efforts(io.robots[number]),
+            reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader),
+            stall=node.stall, simulated=node.simulated, faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         node.follows(arm.io)

@@ -6,14 +6,17 @@ present condition in io's.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.readings import ArmReadings
 from trocar.procs.arm.states import ArmState
+from trocar.procs.arm.supervision import problem
 from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised
+from trocar.procs.node.fault_report import NO_FAULT, FaultReport
 from trocar.procs.node.inputs import Fields
 
 
@@ -21,7 +24,9 @@ from trocar.procs.node.inputs import Fields
 class PreviousState:
     """The last record of this arm; `base` is None if its base frame was not known."""
 
+    stamp_ns: int
     sub_state: str
+    reason: str
     bias_generation: int
     tool: str
     base: Array | None
@@ -42,7 +47,9 @@ def previous_state(field: Fields) -> PreviousState | None:
     except ValueError:
         base = np.eye(4)
     return PreviousState(
+        int(field("stamp_ns").item()),
         sub_state,
+        _text(field("reason")),
         int(field("bias_generation").item()),
         _text(field("tool")),
         base,
@@ -63,15 +70,18 @@ def _ratio(value: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Beginning:
-    """The initial state; `paused` is the state to resume from PAUSED, `reason` the cause of FAULT."""
+    """The initial state; `paused` is the state to resume from PAUSED, `found` the cause of FAULT."""
 
     state: ArmState
     paused: ArmState = ArmState.ENABLED
-    reason: str = ""
+    found: FaultReport = NO_FAULT
 
 
-def beginning(before: PreviousState | None, io: ArmReadings) -> Beginning:
-    """The initial state, from the last record of the previous process and the first fresh one of io."""
+def beginning(before: PreviousState | None, io: ArmReadings, around: ArmContext, restart: str) -> Beginning:
+    """The initial state, from the last record of the previous process and the first fresh one of io.
+
+    A FAULT of the previous process keeps its cause, and is not reported again; a new one also names the `restart`.
+    """
     if io.has_power and not io.problem:
         if before is None or not _is_still_homed(before, io):
             return Beginning(ArmState.ENABLED)  # powered, without a known state: the joint controller continues
@@ -83,8 +93,11 @@ def beginning(before: PreviousState | None, io: ArmReadings) -> Beginning:
     if before.sub_state == ArmState.POWERING and not io.problem:
         return Beginning(ArmState.POWERING if io.power_requested.item() else ArmState.DISABLED)
     if before.sub_state == ArmState.FAULT:
-        return Beginning(ArmState.FAULT, reason="there was a fault before the arm process was restarted")
-    return Beginning(ArmState.FAULT, reason="power was lost while the arm process was away")
+        return Beginning(ArmState.FAULT, found=FaultReport(text=before.reason))
+    stall = around.io_stall(before.stamp_ns)
+    found = problem(ArmState.HOMED, io, -1 if stall else io.epoch, None, around.fault_report, around.power_report,
+                    lambda since_ns: stall)
+    return Beginning(ArmState.FAULT, found=replace(found, text=f"{found.text}; {restart}"))
 
 
 def _is_still_homed(before: PreviousState, io: ArmReadings) -> bool:

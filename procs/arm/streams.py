@@ -58,7 +58,10 @@ class Stream:
 class Streams:
     """The streams of one arm. A sender is any hashable value that differs between programs."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, simulated: bool = False) -> None:
+        """`simulated`: the system's time, in which pauses are measured, is simulated."""
+        time = " of the system's time" if simulated else ""
+        self._pause = f"pause for {STREAM_PAUSE_NS * 1e-9:g} s{time}"
         self._streams: dict[tuple[StreamKind, Hashable], Stream] = {}
         self._owners: dict[StreamKind, Stream] = {}
         """For each kind the stream whose goal was accepted last."""
@@ -66,11 +69,11 @@ class Streams:
         """The sender of the stream or move that the arm follows."""
         self.asking: Stream | None = None
         """The stream whose goal is being checked."""
-        self._restarted_ns = -STREAM_PAUSE_NS
+        self._restarted_ns, self._restart = -STREAM_PAUSE_NS, ""
 
-    def restart(self, now_ns: int) -> None:
-        """The process restarts: a stream within STREAM_PAUSE_NS may be one from before the restart, and is ended."""
-        self._restarted_ns = now_ns
+    def restart(self, now_ns: int, reason: str) -> None:
+        """The process restarts: a stream within STREAM_PAUSE_NS may be one from before, and is ended with `reason`."""
+        self._restarted_ns, self._restart = now_ns, reason
 
     def objection(self, kind: StreamKind, sender: Hashable, request: Request, now_ns: int) -> str:
         """Why the next goal of a stream is refused, "": it is accepted.
@@ -92,7 +95,7 @@ class Streams:
         if owner is stream and not stream.ended:
             return ""
         if stream.ended:
-            return f"{STREAM_ENDED}: {stream.ended}; pause for {STREAM_PAUSE_NS * 1e-9:g} s before the next one"
+            return f"{STREAM_ENDED}: {stream.ended}; {self._pause} before the next one"
         if owner is not None and kind is not StreamKind.EFFORT and now_ns - owner.taken_ns <= STREAM_NS:
             return f"{owner.program} is streaming {WORDS[kind]}; stop it first (hold)"
         return ""
@@ -153,5 +156,5 @@ class Streams:
         stream = self._streams[kind, sender] = Stream(kind, sender, program, now_ns)
         if (now_ns - self._restarted_ns < STREAM_PAUSE_NS
                 and request.command.effect_for(request.text, request.values) > FREE):
-            stream.ended = "the arm's process was restarted"
+            stream.ended = self._restart
         return stream

@@ -38,6 +38,7 @@ def problem(
     state: ArmState, io: ArmReadings, epoch: int, driving: Generations | None,
             fault_report: Callable[[int], FaultReport],
     power_report: Callable[[], FaultReport],
+    io_stall: Callable[[int], str],
 ) -> FaultReport:
     """The present problem; NO_FAULT if there is none.
 
@@ -48,7 +49,7 @@ def problem(
     if not io.fresh:
         return FaultReport(codes.IO_TIMEOUT, "io does not answer")
     if io.epoch != epoch:
-        return FaultReport(codes.IO_RESTARTED, "io was restarted")
+        return FaultReport(codes.IO_RESTARTED, io_stall(io.stamp_ns) or codes.IO_RESTARTED.cause)
     if io.problem and not (state is ArmState.POWERING and io.problem in POWER_PROBLEMS):
         return fault_report(io.problem)
     if state in MUST_HAVE_POWER and not io.has_power:

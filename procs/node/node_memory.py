@@ -71,7 +71,9 @@ class NodeMemory:
         self.page.field("pauses")[...] = 0
         self._time_ns = now_ns
         self.events = Events(events, now_ns, loglines.into(self.log) if is_child else None, name, self.row.typed)
-        self._begun = f"{name} has just started; try again", DIED
+        self.stall = ""
+        """The stall after which the process restarted as if it had been killed, in words; "": its process was started.
+        """
         self.page.show("STARTING")
         kind, period_ns = proc(self.kind), round((period_s or self.row.period_s) * 1e9)
         ios_ns = [round(io.period_s * 1e9) for io in document.ios]
@@ -115,7 +117,7 @@ class NodeMemory:
         """
         audit = Audit(self.writes("audit"), self._time_ns, every=self.document.clock == LOCKSTEP)
         self._mailbox = self.hold(Mailbox(self.system, self.name, COMMANDS.get(self.kind, ()), guard=guard, audit=audit,
-                                          died=self._begun[1]))
+                                          died=self.stall or DIED))
         return self._mailbox
 
     def faults(self) -> Faults:
@@ -144,16 +146,15 @@ class NodeMemory:
     def begin(self, error: str = "") -> None:
         """Show it as running, with an error if any; refuse waiting commands, which were sent to its predecessor."""
         if self._mailbox is not None:
-            self._mailbox.refuse_waiting(self._begun[0])
+            self._mailbox.refuse_waiting(self.stall or f"{self.name} has just started; try again")
         self.page.show("RUNNING", error)
 
     def report_pause(self, held_up_ns: int) -> None:
         """Report that it was stalled so long that it restarts, as if it had been killed and started again."""
-        held_up = f"{self.name} stalled for {duration(held_up_ns)}"
-        self._begun = held_up, held_up
+        self.stall = f"{self.name} stalled for {duration(held_up_ns)}"
         self.page.show("STARTING")
         self.page.field("pauses")[...] += 1
-        self.events.report(codes.HELD_UP, held_up, self.name, value=held_up_ns * 1e-9, limit=self.late_s)
+        self.events.report(codes.HELD_UP, self.stall, self.name, value=held_up_ns * 1e-9, limit=self.late_s)
 
     def stop(self, reason: str) -> None:
         """Request its end at the next call of `stopped`; the first reason is kept."""

@@ -121,7 +121,7 @@ class Commands:
                 if reply.outcome != "accepted":
                     self._open[client].discard(reply.id)
                 if reply.outcome in ("refused", "failed"):
-                    self._say(client.instance, f"{client.instance}: {reply.text}")
+                    self._say(client.instance, f"{client.instance}: {reply.text}", has_remedy=True)
             if not self._open[client]:
                 del self._open[client]
 

@@ -148,9 +148,9 @@ class RosLoop(UserNode):
         told = self.events[arm].state
         return told.message if told is not None else OperatingState()
 
-    def _refused(self, to: str, text: str) -> None:
+    def _refused(self, to: str, text: str, has_remedy: bool) -> None:
         """Report a refusal as ours, which /rosout repeats, and on the topic of the instance that it was for."""
-        self.own.events.report(codes.ROS_REFUSED, text, self.name)
+        self.own.events.report(codes.ROS_REFUSED, text, self.name, has_remedy=has_remedy)
         if to in self.events:
             self.events[to].refuse(text)
 

@@ -96,11 +96,13 @@ class SetupJoints:
             if before != SetupState.FAULT and classic.is_powered and classic.is_on():
                 self.machine.begin(SetupState.ENABLED, self._was_homed, now_ns)
                 return
+            if before == SetupState.FAULT:
+                self.machine.reason = "the process was restarted; there was a fault before"
+            else:
+                reason = ("power-on was not complete, and is no longer requested" if classic.is_powered else
+                          "power was lost while it was away")
+                self.machine.report(f"the process was restarted; {reason}")
             self.machine.begin(SetupState.FAULT, False, now_ns)
-            reason = "there was a fault before" if before == SetupState.FAULT else "power was lost while it was away"
-            if before != SetupState.FAULT and classic.is_powered:
-                reason = "power-on was not complete, and is no longer requested"
-            self.machine.reason = f"the process was restarted; {reason}"
 
     def _heard(self, request: Request) -> Request:
         """Note the origin of the next command."""

@@ -134,11 +134,15 @@ class SetupStates:
 
     def fault(self, reason: str) -> None:
         """Report a fault, and engage the brakes."""
-        self.reason = reason
-        self._reports.report(codes.SUJ_FAULT, f"{self.name}: {reason}", self.name)
+        self.report(reason)
         self.desired, self._homed = SetupState.FAULT, False
         self._set(SetupState.FAULT)
         self._answer(reason)
+
+    def report(self, reason: str) -> None:
+        """Report the cause of a fault."""
+        self.reason = reason
+        self._reports.report(codes.SUJ_FAULT, f"{self.name}: {reason}", self.name)
 
     def publish(self) -> None:
         """Report the operating state."""

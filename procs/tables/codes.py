@@ -163,7 +163,7 @@ IO_TIMEOUT: Final = Code(
     "io-timeout", ERROR, "arm", "io does not answer",
     "wait until io is back, or start it by its name with trocar start; then trocar home NAME")
 IO_RESTARTED: Final = Code(
-    "io-restarted", ERROR, "arm", "io was restarted", "trocar home NAME; the log of io may say why it ended")
+    "io-restarted", ERROR, "arm", "io was restarted", "trocar home NAME; the log of io may say why")
 IO_FAULT: Final = Code(
     "io-fault", ERROR, "arm", "io reports a fault with an unknown number", "run all processes from the same version")
 PID_OFF: Final = Code(
@@ -240,7 +240,7 @@ STREAM_JUMP: Final = Code(
     "stream from where the arm is (setpoint), or use move_jp, move_cp")
 STREAM_REFUSED: Final = Code(
     "stream-refused", WARNING, "arm", "goals were refused: the stream was stopped, or another program is streaming",
-    "pause for 0.5 s before the next stream; let one program at a time stream to an arm")
+    "the message says it: pause for 0.5 s, or stop the other program's stream first (hold)")
 SPEED_LIMITED: Final = Code(
     "speed-limited", WARNING, "arm", "a stream exceeds the maximum speed of a joint; the arm lags behind it",
     "stream goals that are closer together")
@@ -378,7 +378,7 @@ THIRD_PARTY_ERROR: Final = Code(
     "see that program; teleoperations that use it stop")
 ROS_REFUSED: Final = Code(
     "ros-refused", WARNING, "ros_bridge", "a command from ROS was refused, or did not succeed",
-    "the message says why; docs/commands.md lists what each topic takes")
+    "docs/commands.md lists what each topic takes")
 
 # users' processes
 USER_ERROR: Final = Code(

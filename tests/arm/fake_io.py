@@ -68,6 +68,8 @@ class FakeIo(Guarded):
         self.record: View = Record(IO_STATE, axes=axes + 2, drives=axes + 2, robots=2, inputs=inputs, outputs=0)
         self.stamp_ns = 0
         self.epoch = 1
+        self.stall = ""
+        """What its events say of a stall."""
         self.power_cycles, self.bias_cycles, self.read_cycles = 5, 20, 50
         self._now_ns = 0
         self.never_powers = self.never_biases = self.deaf = self.stuck = self.blind = False
@@ -280,13 +282,14 @@ class ArmHarness:
         """The io of this arm."""
         return FakeIo(ARM_TYPES[self.document.type].actuators, name=self.document.robot)
 
-    def start_arm(self) -> None:
-        """A new arm process on the records as they are."""
+    def start_arm(self, stall: str = "") -> None:
+        """A new arm process on the records as they are, or the same one after a stall."""
         self.reports = FakeReports()
         self.arm = self.kind(self.document, ArmContext(
             self.io.record.field, 1, 2, self.inputs, self.has_brakes, self.io, self.state.field, self.setpoint.field,
             self.reports, lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}"),
-            gripper=0 if self.document.gripper else -1, reading=lambda: self.io.reading))
+            gripper=0 if self.document.gripper else -1, reading=lambda: self.io.reading,
+            io_stall=lambda since_ns: self.io.stall, stall=stall))
 
     def press(self, name: str, on: bool = True) -> None:
         """A digital input of io, from the next cycle on."""

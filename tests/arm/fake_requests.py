@@ -25,7 +25,7 @@ class FakeReports:
         self.events.append(("status", text))
 
     def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = 0.0,
-               limit: float = 0.0, board: int = -1) -> None:
+               limit: float = 0.0, board: int = -1, has_remedy: bool = False) -> None:
         self.events.append((SEVERITIES[code.severity], code.code, sentence(text, component)))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:

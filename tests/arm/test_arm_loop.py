@@ -158,6 +158,17 @@ def test_arm_process_gives_the_words_of_io_for_a_fault(bench: ArmLoopBench) -> N
     assert errors == ["PSM1: potentiometer 3 is off by 0.3 rad"]
 
 
+def test_arm_process_that_comes_back_without_power_names_the_stall_of_its_io(bench: ArmLoopBench) -> None:
+    homed(bench)
+    bench.world.kill(bench.child)
+    bench.events.report(codes.HELD_UP, "IO1 stalled for 0.31 s", "IO1")
+    bench.io.restart()
+    bench.child = bench.start()
+    bench.until(lambda: bench.text("state") == "FAULT", "FAULT")
+    errors = [(row["code"], row["text"].decode()) for row in bench.happened.last(50) if row["event"] == b"error"]
+    assert errors == [(b"io-restarted", "PSM1: IO1 stalled for 0.31 s; the arm's process was restarted")]
+
+
 def test_an_arm_of_another_type_says_that_it_cannot_be(world: Any) -> None:
     system = document(world.name)
     other = dataclasses.replace(system.arms[0], type="ECM")

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from tests.arm.fake_io import ArmHarness
+from trocar.procs.arm import arm
+from trocar.procs.arm.states import TRANSITIONS, ArmEvent, ArmState
 
 
 def latch(harness: ArmHarness) -> None:
@@ -51,6 +55,21 @@ def test_every_cause_leads_to_fault_with_its_reason_and_enable_back(code: str, d
     harness.until(lambda: "done" in enable.outcomes, 7.0)
     harness.state_command("home")
     harness.until(lambda: harness.arm.state == "HOMED")
+
+
+def test_an_io_that_stalled_was_not_restarted() -> None:
+    harness = ArmHarness().homed()
+    harness.io.restart()
+    harness.io.stall = "io stalled for 0.04 s"
+    harness.run(0.05)
+    assert harness.reports.of("error") == [("error", "io-restarted", "PSM1: io stalled for 0.04 s")]
+
+
+def test_an_arm_enters_fault_by_no_way_but_the_one_that_reports_it() -> None:
+    assert {event for (_, event), target in TRANSITIONS.items() if target is ArmState.FAULT} == {ArmEvent.PROBLEM}
+    sources = {path.name: path.read_text() for path in Path(arm.__file__).parent.rglob("*.py")}
+    assert {name for name, text in sources.items() if "ArmEvent.PROBLEM" in text} == {"states.py", "machine.py"}
+    assert sources["machine.py"].count("ArmEvent.PROBLEM") == 1
 
 
 @pytest.mark.parametrize("state", ("ENABLED", "CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "HOMING", "PAUSED"))

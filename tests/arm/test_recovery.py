@@ -8,17 +8,18 @@ import pytest
 from tests.arm.arm_configs import bare_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
 from trocar.procs.tables.codes import ARM_LOST
+from trocar.shm.system.events import sentence
 
 ELSEWHERE = (0.4, 0.2, 0.1, 0.0, 0.0, 0.0)
 
 
-def restart(harness: ArmHarness, away_s: float = 0.5) -> None:
-    """kill -9; io goes on alone for a while and holds; a new process begins."""
+def restart(harness: ArmHarness, away_s: float = 0.5, stall: str = "") -> None:
+    """kill -9, or a stall; io goes on alone for a while and holds; a new process begins."""
     for _ in range(round(away_s * 1e9 / PERIOD_NS)):
         harness.now_ns += PERIOD_NS
         harness.setpoint.set("mode", 0)
         harness.io.cycle(harness.now_ns, harness.setpoint)
-    harness.start_arm()
+    harness.start_arm(stall)
 
 
 def test_homed_arm_goes_on_without_a_jump_or_homing() -> None:
@@ -105,14 +106,42 @@ def test_an_arm_without_power_stays_what_it_was(state: str, after: str) -> None:
     assert harness.arm.state == after and not harness.io.flag("powered")
 
 
-def test_power_lost_meanwhile_is_a_fault() -> None:
+def io_stalls(harness: ArmHarness) -> None:
+    harness.io.restart()
+    harness.io.stall = "io stalled for 0.31 s"
+
+
+MEANWHILE = {
+    "power-lost": (lambda harness: harness.io.drop_power(), "detected power loss (actuators)"),
+    "io-fault": (lambda harness: harness.io.flag("fault", 7), "fault number 7"),
+    "io-restarted": (io_stalls, "io stalled for 0.31 s"),
+}
+
+
+@pytest.mark.parametrize(("stall", "what"), [("", "the arm's process was restarted"), ("PSM1 stalled for 0.31 s",) * 2])
+@pytest.mark.parametrize("code", MEANWHILE)
+def test_what_ended_the_power_while_the_process_was_away_is_an_error_that_names_its_cause(
+        code: str, stall: str, what: str) -> None:
+    break_it, words = MEANWHILE[code]
     harness = ArmHarness().homed()
-    harness.io.drop_power()
-    restart(harness)
+    break_it(harness)
+    restart(harness, stall=stall)
     harness.run(0.1)
     assert harness.arm.state == "FAULT"
+    assert harness.reports.of("error") == [("error", code, sentence(f"{words}; {what}", "PSM1"))]
+    assert harness.state.text("reason") == f"{words}; {what}"
     harness.state_command("enable")
     harness.until(lambda: harness.arm.state == "ENABLED")
+
+
+def test_a_fault_keeps_its_cause_and_is_not_reported_again() -> None:
+    harness = ArmHarness().homed()
+    harness.io.drop_power()
+    harness.run(0.1)
+    restart(harness)
+    harness.run(0.1)
+    assert harness.arm.state == "FAULT" and not harness.reports.of("error")
+    assert harness.state.text("reason") == "detected power loss (actuators)"
 
 
 def test_settings_survive() -> None:

@@ -66,18 +66,18 @@ def test_wrist_jaw_and_efforts_may_come_from_different_programs() -> None:
 
 def test_a_stream_that_an_arm_does_not_know_ends_when_its_process_restarts() -> None:
     programs = Programs()
-    programs.streams.restart(programs.now_ns)
+    programs.streams.restart(programs.now_ns, "PSM1 stalled for 0.05 s")
     for _ in range(1000):
         assert programs.goal("A") == (
-            "this stream has ended: the arm's process was restarted; pause for 0.5 s before the next one")
+            "this stream has ended: PSM1 stalled for 0.05 s; pause for 0.5 s before the next one")
     assert not programs.goal("A", after_ms=500)
-    programs.streams.restart(programs.now_ns)
+    programs.streams.restart(programs.now_ns, "PSM1 stalled for 0.05 s")
     assert not programs.goal("B", after_ms=500), "it begins later"
 
 
 def test_what_takes_efforts_away_is_taken_at_once_after_a_restart() -> None:
     streams = Streams()
-    streams.restart(0)
+    streams.restart(0, "the arm's process was restarted")
     assert "restarted" in streams.objection(StreamKind.EFFORT, "A", asked("A", 1.0), 1)
     assert not streams.objection(StreamKind.EFFORT, "B", asked("B", 0.0), 1)
 

@@ -49,6 +49,14 @@ def test_a_refusal_is_published_once_by_the_component_that_the_message_was_for(b
     assert any(command in text for text in heard["/rosout"])
 
 
+@pytest.mark.parametrize(("command", "message", "is_of_bridge"), [
+    ("trajectory_j/set_ratio", Float64(3.0), False), ("state_command", StringStamped(string="enable"), True)])
+def test_only_a_refusal_of_the_bridge_itself_ends_with_the_page_of_its_topics(
+        bridge: HostedBridge, command: str, message: Any, is_of_bridge: bool) -> None:
+    heard = bridge.refused(f"PSM1/{command}", message)["/rosout"]
+    assert {"docs/commands.md" in text for text in heard if command in text} == {is_of_bridge}, heard
+
+
 def test_a_move_that_the_bridge_refuses_is_over_at_once_for_clients_that_wait(bridge: HostedBridge) -> None:
     for topic, message in (("PSM1/goal_reached", Bool), ("PSM1/operating_state", OperatingState)):
         bridge.hear(topic, message)

@@ -81,14 +81,14 @@ def test_a_message_that_is_too_large_goes_nowhere(participant: Participant) -> N
 
 
 def test_a_refusal_is_told_once_a_second_and_few_are_remembered() -> None:
-    told: list[tuple[str, str]] = []
+    told: list[tuple[str, str, bool]] = []
     now = 0
     refusals = Refusals(lambda *said: told.append(said), lambda: now)
     for _ in range(10):
         refusals.say("PSM1", "no")
     now += SILENT_NS
     refusals.say("PSM1", "no")
-    assert told == [("PSM1", "no")] * 2
+    assert told == [("PSM1", "no", False)] * 2
     for k in range(3 * KEPT):
         refusals.say("PSM1", str(k))
     assert len(refusals._silent_until) <= KEPT and len(told) == 2 + 3 * KEPT
@@ -158,7 +158,7 @@ def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.Mo
     node: Any = SimpleNamespace(reader=lambda name, *_: readers.setdefault(name, FakeReader(name, writers)))
     absent: Any = None
     commands = carrying_out.Commands(node, "x", [carrying_out.Addressee("console", "console")], RosBridge(),
-                                     Refusals(lambda to, text: None, lambda: 0), joints=lambda view: absent,
+                                     Refusals(lambda *said: None, lambda: 0), joints=lambda view: absent,
                                      last_look=LastLook(int), refuse_move=lambda to: None)
 
     def say(name: str, pressed: int | None, handle: int) -> None:

@@ -212,6 +212,8 @@ def test_a_successor_that_finds_less_power_is_in_fault(enabled: QuietCart, flags
     enabled.step()
     assert enabled.now_in is SetupState.FAULT
     assert enabled.joints.machine.reason == f"the process was restarted; {reason}"
+    (error,) = enabled.said("suj-fault")
+    assert f"SUJ: the process was restarted; {reason}" in error
 
 
 def test_a_successor_waits_a_second_for_ios_first_record(enabled: QuietCart) -> None:

@@ -66,7 +66,8 @@ class StubNode:
     """What loops use of `trocar.procs.node.runtime.Node`."""
 
     def __init__(self, document: Any, name: str) -> None:
-        self.document, self.name, self.now_ns, self.wall_ns = document, name, 0, 0
+        self.document, self.name, self.now_ns, self.wall_ns, self.stall = document, name, 0, 0, ""
+        self.simulated = False
         self.log: list[str] = []
         self.paced_by: list[str] = []
         self.clock = SimpleNamespace(now_ns=lambda: self.now_ns + 50_000)

@@ -36,7 +36,7 @@ class FakeEvents:
     def status(self, text: str, component: str = "") -> None:
         self.reported.append(("status", text))
 
-    def report(self, code: Code, text: str, *_: object) -> None:
+    def report(self, code: Code, text: str, *_: object, **__: object) -> None:
         self.reported.append((SEVERITIES[code.severity], text))
 
 

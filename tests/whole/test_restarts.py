@@ -119,6 +119,42 @@ def test_what_a_new_loop_asks_for_is_accepted_whatever_it_was_doing(room: Restar
     assert not room.audits.refused()
 
 
+def warning(room: Restarts) -> str:
+    """The newest of PSM1, as logs and /rosout show it."""
+    events = room.host.reader("PSM1", "events")
+    row = [row for row in events.last(100) if row["event"] == b"warning"][-1]
+    return "; ".join(filter(None, (row["text"].decode(), row["hint"].decode())))
+
+
+@pytest.mark.parametrize(("stalled_ms", "what"), [(0, "the arm's process was restarted"),
+                                                  (50, "PSM1 stalled for 0.05 s")])
+def test_a_stream_that_ended_with_its_arms_process_learns_whether_that_was_restarted_or_stalled(
+        room: Restarts, stalled_ms: int, what: str) -> None:
+    room.ready()
+    if stalled_ms:
+        room.host.loops["PSM1"].node.report_pause(stalled_ms * 1_000_000)
+    room.host.restart("PSM1", killed=not stalled_ms)
+    room.people["PSM1"].send("servo_jr", (0.0,) * 6)
+    room.host.run(SHORT_S)
+    (reply,) = room.people["PSM1"].poll()
+    assert reply.text == (
+        f"servo_jr: this stream has ended: {what}; pause for 0.5 s of the system's time before the next one")
+    assert warning(room) == f"PSM1: {reply.text}"
+
+
+def test_a_stream_beside_another_programs_is_refused_with_one_remedy(room: Restarts) -> None:
+    room.ready()
+    room.host.run(2.0)  # the warning is repeated only then
+    other = Client(room.host.name, "PSM1", "another")
+    for client in (room.people["PSM1"], other):
+        client.send("servo_jr", (0.0,) * 6)
+        room.host.run(SHORT_S)
+    (reply,) = other.poll()
+    other.close()
+    assert re.fullmatch(r"servo_jr: .* is streaming positions; stop it first \(hold\)", reply.text)
+    assert warning(room) == f"PSM1: {reply.text}"
+
+
 # -- the lens of an endoscope, on emulated boards ----------------------------------------------------------------------
 
 OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
