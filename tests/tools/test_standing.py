@@ -290,6 +290,9 @@ def test_the_next_step_leads_to_teleoperation() -> None:
     assert next_step([homed, console]) == "trocar send console teleop_enable 1" and next_step([homed]) == ""
     paused = dataclasses.replace(homed, state="PAUSED")
     assert next_step([paused, console]) == f"trocar send {paused.name} state_command resume"
+    on, waits = dataclasses.replace(console, state=standing.ON), Standing("A_B", "teleop", "ALIGNING_MTM", None, "waiting")
+    assert next_step([homed, on, waits]) == "A_B: waiting"
+    assert next_step([homed, on, dataclasses.replace(waits, state="ENABLED, following")]) == ""
 
 
 def test_a_filter_whose_host_died_is_no_third_party_program() -> None:
