@@ -288,9 +288,8 @@ def test_the_next_step_leads_to_teleoperation() -> None:
     assert next_step([off, console]) == "trocar home" and next_step([off, homed, console]) == ""
     assert next_step([powered, homed, console]) == "trocar home PSM1"
     assert next_step([homed, console]) == "trocar send console teleop_enable 1" and next_step([homed]) == ""
-    paused = dataclasses.replace(homed, state="PAUSED")
-    assert next_step([paused, console]) == f"trocar send {paused.name} state_command resume"
-    on, waits = dataclasses.replace(console, state=standing.ON), Standing("A_B", "teleop", "ALIGNING_MTM", None, "waiting")
+    assert next_step([dataclasses.replace(homed, state="PAUSED"), console]) == "trocar send PSM2 state_command resume"
+    on, waits = Standing("console", "console", standing.ON), Standing("A_B", "teleop", "ALIGNING_MTM", reason="waiting")
     assert next_step([homed, on, waits]) == "A_B: waiting"
     assert next_step([homed, on, dataclasses.replace(waits, state="ENABLED, following")]) == ""
 
