@@ -232,9 +232,9 @@ def test_each_problem_of_a_process_is_a_sentence(problem: str, said: str) -> Non
 
 
 def test_a_process_that_was_restarted_just_now_is_not_well_yet() -> None:
-    again = dataclasses.replace(process("b", kind="user"), restarts=8, restarted_s=3.0, exit_reason="code 4: Refused")
-    first = first_thing([again], [])
-    assert first.startswith("b was restarted") and "8 times" in first and "code 4: Refused" in first
+    why = "code 4: Refused; automatic restart 1 of 5; trocar logs b"
+    again = dataclasses.replace(process("b", kind="user"), restarts=8, restarted_s=3.0, exit_reason=why)
+    assert first_thing([again], []) == f"b was restarted 3.0 s ago: {why}", "there is one count, that of the limit"
     assert first_thing([dataclasses.replace(again, restarted_s=None)], []) == ""
 
 

@@ -226,8 +226,7 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
         return _with_help(unwell[0])
     again = next((process for process in processes if process.restarted_s is not None or process.begins_again), None)
     if again is not None:
-        times = f", {again.restarts} times in total" if again.restarts > 1 else ""
-        since = "is not up yet" if again.begins else f"was restarted {span(again.restarted_s or 0.0)} ago{times}"
+        since = "is not up yet" if again.begins else f"was restarted {span(again.restarted_s or 0.0)} ago"
         return f"{again.name} {since}: {again.exit_reason}{_logs(again, again.exit_reason)}"
     waiting = next((one for one in found if one.person), None)
     if waiting is not None:
