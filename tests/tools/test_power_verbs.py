@@ -60,7 +60,7 @@ def test_power_off_that_takes_too_long_says_so(kinematic: ScriptedRobot) -> None
     result = run("power-off", "--timeout", "0.1", "--json", "--system", kinematic.name)
     thread.join()
     assert result.exit_code == 1
-    assert "not disabled in time; it is ENABLED" in json.loads(result.stdout)["problem"]
+    assert json.loads(result.stdout)["problem"] == "not disabled in time; it is ENABLED", "the state once"
 
 
 @pytest.mark.parametrize(("age_s", "io_age_s", "amp_on", "problem"), [

@@ -76,8 +76,9 @@ class ArmBringUp:
             if word and word not in self.asked:
                 self._ask(word)
             else:
-                waits = self.waits
-                self._check_time(f"it waits: {waits}" if waits else f"it is {state} ({self.watch.text('sub_state')})")
+                waits, inner = self.waits, self.watch.text("sub_state")
+                shown = state if inner in ("", state) else f"{state} ({inner})"
+                self._check_time(f"it waits: {waits}" if waits else f"it is {shown}")
 
     def _next_word(self, state: str, busy: bool) -> str:
         word = next_word(WORDS[self.goal], state)
