@@ -149,7 +149,7 @@ PROCESS_ENDED: Final = Code(
     "process-ended", WARNING, "supervisor", "a process ended by itself", "trocar logs NAME may say why it ended")
 PROCESS_KILLED: Final = Code(
     "process-killed", WARNING, "supervisor", "a process did not stop in time, and was killed",
-    "trocar logs NAME may say why; if it was an io, the boards' watchdogs have switched its amplifiers off")
+    "trocar logs NAME may say why")
 PROCESS_LATE: Final = Code(
     "process-late", WARNING, "supervisor", "a process sent no heartbeat for longer than its late_s",
     "if frequent: the machine is too slow or too busy (trocar doctor, docs/operating.md)")
