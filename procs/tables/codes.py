@@ -90,8 +90,7 @@ AMPLIFIER: Final = Code(
     "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)
 TRACKING: Final = Code(
     "tracking", ERROR, "io", "the joint controller cannot follow its setpoint",
-    "check for a collision, too fast a command, or an encoder that jumped; the tolerance is in the PID file", 14, STOP,
-    JOINT)
+    "check for a collision, too fast a command, or an encoder jump; the tolerance is in the PID file", 14, STOP, JOINT)
 NOT_FINITE: Final = Code(
     "not-finite", ERROR, "io", "a setpoint or a requested current was not a finite number",
     "a program sent NaN or infinity; it did not reach the motors", 15, STOP)

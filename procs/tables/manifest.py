@@ -66,8 +66,8 @@ class Proc:
     for up to `rest` periods.
     Silence is reported after `late_s`; after `hung_s` the process is killed, and restarted by the restart policy. If
     `pause_ends`, a process that was stalled for `late_s` restarts as if it had been killed.
-    `stop_s`: time limit to end on request; `on_exit`: consequences of the end, in the words of `trocar stop`; `on_kill`:
-    further consequences if it is killed.
+    `stop_s`: time limit to end on request; `on_exit`: consequences of the end, in the words of `trocar stop`.
+    `on_kill`: further consequences if it is killed.
     `priority`: that of a section of `trocar:`, slightly above that of arms, or below all that move robots; without
     priority the kind is not `realtime`. `reserved`: share of its period guaranteed with priority (SCHED_DEADLINE).
     `start` "on-demand": it runs only while it has clients, unless the system file has another `start`.
