@@ -9,7 +9,7 @@ from trocar.procs.arm.arm import ArmLogic
 from trocar.procs.arm.loop import ArmLoop
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.io.assemble import IoContext
-from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.kinematic import kinematic_io
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.setpoint_rings import RingSource
 from trocar.procs.node import runtime
@@ -33,7 +33,7 @@ class SteppedArm:
         self._arm_process = runtime.Node(system, row.name)
         self._out, self._io_mailbox = self._io_process.writes("state"), self._io_process.mailbox()
         sources = [RingSource(self._io_process.reads(pid.arm, "setpoint")) for pid in system.io(row.io).pids]
-        self._core = KinematicIo(IoContext(system.io(row.io), lambda: self.now_ns, IoRecord(self._out.field), sources))
+        self._core = kinematic_io(IoContext(system.io(row.io), lambda: self.now_ns, IoRecord(self._out.field), sources))
         self.loop = ArmLoop(self._arm_process)
         self._client = Client(self.name, row.name)
 

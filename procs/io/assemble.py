@@ -8,14 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from trocar.procs.document.system import IoConfig
 from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
 from trocar.procs.io.axis_drive import AxisDrive
 from trocar.procs.io.bias import Bias
 from trocar.procs.io.brakes import Brakes
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.buttons import Buttons
 from trocar.procs.io.cart_outputs import CartOutputs, SetupBrakes
 from trocar.procs.io.digital_outputs import DigitalOutputs
@@ -23,7 +21,7 @@ from trocar.procs.io.gains import JointGains, configured_gains
 from trocar.procs.io.instruments import InstrumentReaders
 from trocar.procs.io.outputs import Outputs
 from trocar.procs.io.pid import Pid
-from trocar.procs.io.power import KinematicPower, Power
+from trocar.procs.io.power import Power
 from trocar.procs.io.record import Field, Flags, IoRecord
 from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots, Samples
@@ -71,15 +69,8 @@ class Parts:
     desired: ArmRequests
     faults: Sequence[OwnCell]
     brakes: Brakes
-    power: Power | KinematicPower
-
-
-@dataclass(frozen=True, slots=True)
-class BoardParts(Parts):
-    """Those of an io with boards."""
-
     power: Power
-    port: BusPort
+    port: Port
     samples: Samples
     outputs: Outputs
     watchdogs: Watchdogs
@@ -94,7 +85,7 @@ class BoardParts(Parts):
     axis_drive: AxisDrive
 
 
-def on_boards(context: IoContext, port: BusPort, preset: Flags | None = None) -> BoardParts:
+def assemble(context: IoContext, port: Port, preset: Flags | None = None) -> Parts:
     """The parts for robots on the boards of `port`, which are discovered; their watchdog periods are written.
 
     `preset` (axes,) marks the encoders that are already set. ValueError if these are not the robots' boards.
@@ -115,27 +106,12 @@ def on_boards(context: IoContext, port: BusPort, preset: Flags | None = None) ->
     bias = Bias(robots, port, samples, record, reports, follow.encoders_set)
     tasks = Tasks(io, robots, samples, record, pid, reports, context.now_ns) if io.tasks else None
     digital_outputs = DigitalOutputs(robots, port, record, reports)
-    return BoardParts(
+    return Parts(
         robots, record, reports, pid, follow, gains, ArmRequests(robots, record, follow, context.report),
         _cells(context), brakes, power, port, samples, outputs, watchdogs, safety, bias, tasks, digital_outputs,
         InstrumentReaders(robots, port, reports, context.instruments),
         SetupBrakes(robots, record, digital_outputs, reports), CartOutputs(robots, record, digital_outputs),
         Buttons(robots, port, record, reports), AxisDrive(robots, samples, record, pid, brakes))
-
-
-def kinematic(context: IoContext) -> Parts:
-    """The parts for KINEMATIC robots; they stay at the positions that a previous process left in the record."""
-    record, reports = context.record, IoReports()
-    robots = Robots(context.io)
-    before = np.where(np.isfinite(record.position), record.position, 0.0)
-    record.restart()
-    record.position[...] = before
-    pid = _pid(context, robots)
-    follow = SetpointTracker(context.io, robots, record, pid, record, reports, context.sources)
-    return Parts(
-        robots, record, reports, pid, follow, JointGains(robots, record, pid, reports, context.gains),
-        ArmRequests(robots, record, follow, context.report), _cells(context), Brakes(robots, record),
-        KinematicPower(robots, record, reports, follow, pid))
 
 
 def _pid(context: IoContext, robots: Robots) -> Pid:

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.fpga import conversion
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.record import Flags, Floats, IoRecord
 from trocar.procs.io.reports import IoReports
@@ -50,7 +50,7 @@ class EncoderSetting:
 class Bias:
     """Biases of all robots; the record's `encoder_set` shows which encoders kept an earlier preload."""
 
-    def __init__(self, robots: Robots, port: BusPort, samples: Samples, record: IoRecord, reports: IoReports,
+    def __init__(self, robots: Robots, port: Port, samples: Samples, record: IoRecord, reports: IoReports,
                  encoders_set: Callable[[int, Flags], None]) -> None:
         """`encoders_set` is called with every sample in which encoders of a robot may start to read something else."""
         self._robots, self._port, self._samples, self._record = robots, port, samples, record

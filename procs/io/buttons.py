@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.fpga import blocks
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.reports import IoEvent, IoReports
 from trocar.procs.io.robots import Robots
@@ -19,7 +19,7 @@ PAYLOADS: Final = (0.0, 1.0, 2.0)  # as in CRTK's button events: pressed, releas
 class Buttons:
     """The inputs of one io in the order of the document."""
 
-    def __init__(self, robots: Robots, port: BusPort, record: IoRecord, reports: IoReports) -> None:
+    def __init__(self, robots: Robots, port: Port, record: IoRecord, reports: IoReports) -> None:
         """Reads the port's `blocks`; its boards are discovered."""
         inputs = robots.io.digital_inputs
         self._names = [i.name for i in inputs]

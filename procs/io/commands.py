@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.io.arm_requests import DesiredCommand
-from trocar.procs.io.assemble import BoardParts, Parts
+from trocar.procs.io.assemble import Parts
 from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.record import Flags
@@ -24,6 +24,11 @@ WITH_MORE: Final = ("set_gains",)  # whose text continues after the name
 WHO: Final = "@"
 UNKNOWN: Final = "another program"  # a sender without a name
 EXACT: Final = "its positions are exact, and there are no encoders to set"
+NOT_KINEMATIC: Final = {
+    "bias_encoders": EXACT, "set_encoder": EXACT, "drive_axis": "it has no motors", "supply_on": "it has no supply",
+    "lift": "it has no lift", "setup_brake": "it has no brakes", "multiplexer": "it has no multiplexer",
+    "set_gains": "its positions follow the setpoints exactly, whatever its gains"}
+"""Commands that KINEMATIC robots refuse, and why."""
 MAX_SAMPLES: Final = 100_000
 MAX_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
@@ -35,9 +40,9 @@ class IoCommands:
         self._robots, self._record, self._reports = parts.robots, parts.record, parts.reports
         self._follow, self._pid, self._power, self._brakes = parts.follow, parts.pid, parts.power, parts.brakes
         self._faults, self._desired = parts.faults, parts.desired
-        self._boards = boards = parts if isinstance(parts, BoardParts) else None
-        self._names = {"robot": parts.robots.names, "output": boards.digital_outputs.names if boards else (),
-                       "instrument reader": boards.instruments.names if boards else ()}
+        self._parts = parts
+        self._names = {"robot": parts.robots.names, "output": parts.digital_outputs.names,
+                       "instrument reader": parts.instruments.names}
         self._powering: list[tuple[int, Request]] = []
         self._biasing: list[tuple[int, Flags, Request]] = []  # robot, flags that show completion, request
         self._now_ns = 0
@@ -78,6 +83,8 @@ class IoCommands:
             row, values = command.command, command.values
             _refuse_if(row.objection(values) or unauthorized(row, command.text, values, command.origin,
                                                              self._cell_of(place, command)))
+            if command.name in NOT_KINEMATIC and self._robots.kinematic[place]:
+                raise CommandRefused(f"it is KINEMATIC: {NOT_KINEMATIC[command.name]}")
             action(place, command)
         except (CommandRefused, PortError) as reason:
             command.refuse(str(reason))
@@ -129,12 +136,6 @@ class IoCommands:
             raise CommandRefused(f"no {kind} {name!r} here; there are: {', '.join(names) or 'none'}")
         return names.index(name)
 
-    def _on_boards(self, else_why: str) -> BoardParts:
-        """The parts that only robots on boards have; KINEMATIC ones refuse with `else_why`."""
-        if self._boards is None:
-            raise CommandRefused(f"it is KINEMATIC: {else_why}")
-        return self._boards
-
     def _set_output(self, output: int, command: Request) -> None:
         self._free_outputs(output).set(output, switch(command))
         command.done()
@@ -144,23 +145,20 @@ class IoCommands:
 
     def _free_outputs(self, output: int) -> DigitalOutputs:
         """The outputs, if io does not set this one by itself."""
-        outputs = self._on_boards("there are no outputs").digital_outputs
+        outputs = self._parts.digital_outputs
         owner = outputs.owner(output)
         if owner and not self._robots.io.calibration_mode:
             raise CommandRefused(f"only io sets it: use {owner}, or start in calibration mode")
         return outputs
 
     def _lift(self, robot: int, command: Request) -> None:
-        cart = self._on_boards("it has no lift").cart
-        _finish(command, cart.lift(robot, float(command.values[0]), self._now_ns))
+        _finish(command, self._parts.cart.lift(robot, float(command.values[0]), self._now_ns))
 
     def _setup_brake(self, robot: int, command: Request) -> None:
-        brakes = self._on_boards("it has no brakes").setup_brakes
-        _finish(command, brakes.set(robot, switch(command), self._now_ns))
+        _finish(command, self._parts.setup_brakes.set(robot, switch(command), self._now_ns))
 
     def _multiplexer(self, robot: int, command: Request) -> None:
-        cart = self._on_boards("it has no multiplexer").cart
-        _finish(command, cart.multiplexer(robot, switch(command)))
+        _finish(command, self._parts.cart.multiplexer(robot, switch(command)))
 
     def _power_on(self, robot: int, command: Request) -> None:
         if sum(waiting == robot for waiting, _ in self._powering) >= MAX_POWERING:
@@ -177,7 +175,7 @@ class IoCommands:
         _finish(command, self._power.supply(robot, self._now_ns, float(command.values[0])))
 
     def _power_off(self, robot: int, command: Request) -> None:
-        self._stop_axis_drive(robot, "power was switched off")
+        self._parts.axis_drive.stop(robot, "power was switched off")
         self._follow.enable(robot, False, self._now_ns)
         self._power.off(robot, bool(len(command.values) and command.values[0]))
         command.done()
@@ -190,7 +188,7 @@ class IoCommands:
         left_out = np.zeros(axes.stop - axes.start, dtype=bool)
         for value in command.values[1:]:
             left_out[self._axis(robot, float(value))] = True
-        bias = self._on_boards(EXACT).bias
+        bias = self._parts.bias
         _refuse_if(bias.objection(robot, int(samples), left_out))
         self._need_off(robot)
         self._need_rest(robot)
@@ -200,7 +198,7 @@ class IoCommands:
 
     def _set_encoder(self, robot: int, command: Request) -> None:
         axis, position = self._axis(robot, float(command.values[0])), float(command.values[1])
-        bias = self._on_boards(EXACT).bias
+        bias = self._parts.bias
         _refuse_if(bias.set_objection(robot, axis, position))
         place = self._robots.slices[robot].start + axis
         if not self._record.effort_mode[place]:  # no controller uses its position then, and the other axes keep holding
@@ -234,7 +232,7 @@ class IoCommands:
         record = self._record
         axis = self._axis(robot, float(command.values[0]))
         current_a, rise_s, travel, release = (float(value) for value in command.values[1:])
-        axis_drive = self._on_boards("it has no motors").axis_drive
+        axis_drive = self._parts.axis_drive
         _refuse_if(axis_drive.objection(robot, axis, current_a, rise_s, travel))
         self._need_off(robot)
         self._need_rest(robot)
@@ -244,10 +242,6 @@ class IoCommands:
             self._need_brakes(robot)
         command.accept()
         axis_drive.begin(robot, axis, current_a, rise_s, travel, bool(release), command, self._now_ns)
-
-    def _stop_axis_drive(self, robot: int, why: str) -> None:
-        if self._boards is not None:
-            self._boards.axis_drive.stop(robot, why)
 
     def _brake_release(self, robot: int, command: Request) -> None:
         self._need_brakes(robot)
@@ -261,7 +255,7 @@ class IoCommands:
 
     def _brake_engage(self, robot: int, command: Request) -> None:
         self._need_brakes(robot)
-        self._stop_axis_drive(robot, "the brakes were engaged")
+        self._parts.axis_drive.stop(robot, "the brakes were engaged")
         self._brakes.engage(robot)
         command.done()
 
@@ -270,7 +264,7 @@ class IoCommands:
             raise CommandRefused("it has no brakes")
 
     def _pid_enable(self, robot: int, command: Request) -> None:
-        record, on, boards = self._record, switch(command), self._boards
+        record, on, gains = self._record, switch(command), self._parts.gains
         if on and not record.pid_enabled[robot]:
             if not self._follow.controlled(robot):
                 raise CommandRefused("it has no joint controller")
@@ -287,17 +281,15 @@ class IoCommands:
                 raise CommandRefused(self._why(robot, "a fault is latched"))
             if not record.robot_valid[robot]:
                 raise CommandRefused("there is no good sample of its controllers")
-            if boards is not None:
-                _refuse_if(boards.gains.objection(robot))
+            _refuse_if(gains.objection(robot))
             self._follow.enable(robot, True, self._now_ns)
-            if boards is not None:
-                boards.gains.switched_on(robot)
+            gains.switched_on(robot)
         elif not on and record.pid_enabled[robot]:
             self._let_off(robot)
         command.done()
 
     def _servo_zero(self, robot: int, command: Request) -> None:
-        self._stop_axis_drive(robot, "servo_zero")
+        self._parts.axis_drive.stop(robot, "servo_zero")
         self._let_off(robot)
         command.done()
 
@@ -321,8 +313,7 @@ class IoCommands:
         self._need_agreement(robot, command)
         calibrating = on and self._robots.io.calibration_mode
         self._record.pot_check[robot] = on and not calibrating
-        if self._boards is not None:
-            self._boards.safety.forget_pots(self._robots.slices[robot])
+        self._parts.safety.forget_pots(self._robots.slices[robot])
         self._power.changed = True
         command.done(codes.CALIBRATION_MODE.cause if calibrating else "")
 
@@ -349,12 +340,12 @@ class IoCommands:
         who = [word[1:] for word in words if word.startswith(WHO)]
         keys = [word for word in words if not word.startswith(WHO)]
         values = [float(value) for value in command.values]
-        gains = self._on_boards("its positions follow the setpoints exactly, whatever its gains").gains
+        gains = self._parts.gains
         _refuse_if(gains.change(robot, int(values[0]), keys, values[1:], who[0] if who else "another program"))
         command.done(gains.objection(robot))
 
     def _trigger_read(self, reader: int, command: Request) -> None:
-        _refuse_if(self._on_boards("there are no readers").instruments.begin(reader, command, self._now_ns))
+        _refuse_if(self._parts.instruments.begin(reader, command, self._now_ns))
 
     def _clear_fault(self, robot: int, command: Request) -> None:
         self._record.fault[robot] = 0

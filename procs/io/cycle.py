@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.io.assemble import IoContext, on_boards
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.assemble import IoContext, assemble
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.commands import IoCommands
 from trocar.procs.io.fault_handler import FaultHandler
 from trocar.procs.io.halves import Halves
@@ -45,10 +45,11 @@ def share_of(age_ns: int) -> float:
 class RobotIo:
     """All of io except shared memory. The caller empties `reports.events` after each cycle."""
 
-    def __init__(self, context: IoContext, port: BusPort, preset: Flags | None = None) -> None:
-        """See `on_boards`."""
+    def __init__(self, context: IoContext, port: Port, preset: Flags | None = None, halves: type[Halves] | None = None
+                 ) -> None:
+        """See `assemble`; `halves` replace the ones of boards."""
         self.io, self._now_ns = context.io, context.now_ns
-        self.parts = parts = on_boards(context, port, preset)
+        self.parts = parts = assemble(context, port, preset)
         self.robots, self.record, self.reports, self.port = parts.robots, parts.record, parts.reports, port
         self.samples, self.pid, self.follow, self.power = parts.samples, parts.pid, parts.follow, parts.power
         self._commands, self._fault_handler = IoCommands(parts), FaultHandler(parts)
@@ -62,7 +63,7 @@ class RobotIo:
         self._before_ns = self._good_ns
         period_ns = io.period_s * 1e9
         self._gap_ns, self._stable_ns = period_ns, max(STABLE_NS, PERIODS * period_ns)
-        self.halves = Halves(parts, context, (self._oldest_ns, float(self._stable_ns), float(GAPS)))
+        self.halves = (halves or Halves)(parts, context, (self._oldest_ns, float(self._stable_ns), float(GAPS)))
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.document.system import DigitalOutput
 from trocar.procs.fpga import blocks, registers
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.record import Flags, IoRecord
 from trocar.procs.io.reports import IoReports
@@ -42,7 +42,7 @@ class Kept:
 class DigitalOutputs:
     """The outputs of one io in the order of the document."""
 
-    def __init__(self, robots: Robots, port: BusPort, record: IoRecord, reports: IoReports) -> None:
+    def __init__(self, robots: Robots, port: Port, record: IoRecord, reports: IoReports) -> None:
         """Sets up the one-shots; the boards of `port` are discovered."""
         self._robots = robots
         self._outputs, self._port, self._record = robots.io.digital_outputs, port, record

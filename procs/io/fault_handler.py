@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from trocar.procs.io.assemble import BoardParts, Parts
+from trocar.procs.io.assemble import Parts
 from trocar.procs.io.reports import IoEvent, IoFaultReport
 from trocar.procs.node import fault_report as faults
 from trocar.procs.tables import codes
@@ -45,8 +45,7 @@ class FaultHandler:
             parts.follow.enable(robot, False, now_ns)
             parts.brakes.engage(robot)  # the axes the joint controller no longer holds
             if fault.action in (codes.POWER_OFF, codes.CUT):
-                if isinstance(parts, BoardParts):
-                    parts.bias.stop(robot)
+                parts.bias.stop(robot)
                 parts.power.off(robot, open_relays=fault.action == codes.CUT)
                 for other in self._robots.sharing(robot):
                     if record.power_requested[other]:

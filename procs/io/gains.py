@@ -8,7 +8,7 @@ from typing import Final
 from trocar.procs.document.gains import GAINS, changed, leap, value_of
 from trocar.procs.document.system import IoConfig, PidAxis
 from trocar.procs.io.pid import Pid
-from trocar.procs.io.record import Field, IoRecord, private
+from trocar.procs.io.record import Field, private
 from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots, Samples
 from trocar.shm.topics import IO_GAINS
@@ -19,8 +19,8 @@ ALL: Final = -1  # in place of an axis
 class JointGains:
     """The gains of all axes; `record` is their published form."""
 
-    def __init__(self, robots: Robots, samples: Samples | IoRecord, pid: Pid, reports: IoReports,
-                 field: Field | None = None) -> None:
+    def __init__(self, robots: Robots, samples: Samples, pid: Pid, reports: IoReports, field: Field | None = None
+                 ) -> None:
         """Shows the gains of the files. `field` gives the arrays of the record by name; None: not published."""
         self._robots, self._samples, self._pid, self._reports = robots, samples, pid, reports
         self._known = list(pid.gains)

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from trocar.procs.io.assemble import BoardParts, IoContext, Parts
-from trocar.procs.io.bus.exchange import ExchangeSettings
+from trocar.procs.io.assemble import IoContext, Parts
+from trocar.procs.io.bus.exchange import Exchange, ExchangeSettings
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import CONTROLLED, IO, LIMIT, MISSED, NOT_FINITE, SENT, STATUS, TRACK, TRACKING
 from trocar.procs.native.library import bind
@@ -22,7 +22,7 @@ from trocar.procs.native.library import bind
 class Halves:
     """Both halves for one io."""
 
-    def __init__(self, parts: BoardParts, context: IoContext, uses: tuple[int, float, float], *, native: bool = True
+    def __init__(self, parts: Parts, context: IoContext, uses: tuple[int, float, float], *, native: bool = True
                  ) -> None:
         """`parts` have the arrays, under the names of procs/native/io_fields.py. `uses`: see ExchangeSettings.
         `native`: use the native library if there is one.
@@ -51,9 +51,15 @@ class Halves:
         Without a bit, for samples before `wake_ns`, the native calls may do the other half as well, and then return its
         bits. `good_ns`: when the previous sample arrived; `gap_ns`: mean interval of the samples so far.
         """
-        if self._port.exchange is not None:
-            return self._port.receive_and_check(good_ns, wake_ns, self._over_ns(), gap_ns)
-        return self.decode_and_check() if self._port.read_all() else MISSED
+        port, exchange = self._port, self._port.exchange
+        if exchange is None:
+            return self.decode_and_check() if port.read_all() else MISSED
+        bits = exchange.receive_and_check(good_ns, wake_ns, self._over_ns(), gap_ns)
+        port.recv_ns = exchange.link.recv_ns
+        port.counters.reads += 1
+        if bits & MISSED:
+            port.counters.bad_reads += 1
+        return self._noted(bits, exchange)
 
     def control_and_send(self, share: float, has_sample: bool) -> int:
         """Send this share of the joint controllers' efforts; without a sample that of their last ones.
@@ -62,7 +68,7 @@ class Halves:
         """
         port, outputs = self._port, self._outputs
         if port.exchange is not None:
-            bits = port.control_and_send(share, has_sample, self._over_ns())
+            bits = self._noted(port.exchange.control_and_send(share, has_sample, self._over_ns()), port.exchange)
         else:
             bits = self.control_and_encode(share, has_sample)
         if not bits & SENT:
@@ -72,6 +78,12 @@ class Halves:
             if not port.write_all():
                 return bits  # what acts once is sent with the next write
         outputs.written()
+        return bits
+
+    def _noted(self, bits: int, exchange: Exchange) -> int:
+        if bits & SENT:
+            self._port.send_ns = exchange.link.send_ns
+            self._port.counters.writes += 1
         return bits
 
     def decode_and_check(self) -> int:

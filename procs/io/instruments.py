@@ -17,7 +17,7 @@ from typing import Final
 
 from trocar.procs.fpga import instrument, registers
 from trocar.procs.fpga.instrument import Instrument, instrument_of
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.record import Field, private
 from trocar.procs.io.reports import IoEvent, IoReports
@@ -51,7 +51,7 @@ class MemoryReading:
 class InstrumentReaders:
     """The readers of one io in the order of the document; `record` is their published form."""
 
-    def __init__(self, robots: Robots, port: BusPort, reports: IoReports, field: Field | None = None) -> None:
+    def __init__(self, robots: Robots, port: Port, reports: IoReports, field: Field | None = None) -> None:
         """Nothing is read yet. `field` gives the arrays of the record by name; None: not published."""
         readers = robots.io.instrument_readers
         self.names = tuple(reader.name for reader in readers)

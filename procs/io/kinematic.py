@@ -1,111 +1,133 @@
 """KINEMATIC robots: no boards, no motors; every actuator follows its setpoint at once and exactly.
 
-Commands, power states, setpoints and their freshness, limits and generations are those of real robots, and so is the
-record; it shows `simulated`, and values that only hardware could measure (currents, temperatures, potentiometers, board
-time) are NaN. Differences, as in the reference:
+What io sees is a port with a board for each robot, and samples, so all else of io is the same. Power, relays and
+amplifiers are as commanded, encoders are always set, no sample is missed, and:
 
-    power_on      takes effect at once, also on the joint controller, at position 0 and without tracking check
+    power on      puts the joints to 0, as in the reference
     position      the setpoint after its limits; it stays where the joint controller is off or passes efforts through
     velocity      step of the setpoint over the time between its stamps, 0 when the newest is 20 ms old
     effort        0: there are no motors
+
+Values that only sensors could measure (currents, temperatures, potentiometers, board time) are NaN in the record.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
-from trocar.procs.io.assemble import IoContext, kinematic
-from trocar.procs.io.commands import IoCommands
-from trocar.procs.io.fault_handler import FaultHandler
-from trocar.procs.io.halves import track
-from trocar.procs.io.record import Flags, Floats, IoRecord
-from trocar.procs.node.requests import Request
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.assemble import IoContext, Parts
+from trocar.procs.io.bus.port import Port
+from trocar.procs.io.cycle import RobotIo
+from trocar.procs.io.halves import Halves, track
+from trocar.procs.io.record import Flags, Floats
+from trocar.procs.io.robots import Robots
+from trocar.procs.native.bound import BoundStruct
+from trocar.procs.native.io_fields import IO, STATUS
+from trocar.procs.native.library import bind
 
 MOVING_NS: Final = 20_000_000  # without a newer setpoint for this long, nothing moves
+SWITCHED: Final = (
+    (registers.CONTROL_POWER_MASK, registers.CONTROL_POWER_ON, registers.STATUS_POWER | registers.STATUS_MV_GOOD),
+    (registers.CONTROL_RELAY_MASK, registers.CONTROL_RELAY_ON,
+     registers.STATUS_RELAY | registers.STATUS_RELAY_FEEDBACK))
+"""Bits of control words that command a state, that command it on, and bits of status words that show it."""
 
 
-class KinematicIo:
-    """Replaces `RobotIo` for robots without boards; the caller empties `reports.events` after each cycle."""
+def kinematic_io(context: IoContext) -> RobotIo:
+    """The io of KINEMATIC robots; they stay at the positions that a previous process left in the record."""
+    robots = Robots(context.io)
+    where = np.where(np.isfinite(context.record.position), context.record.position, 0.0)
+    port = Port(robots.board_ids, context.now_ns, max(len(robot.actuators) for robot in context.io.robots))
+    core = RobotIo(context, port, np.ones(robots.axes, dtype=bool), KinematicHalves)
+    core.samples.position[...] = where
+    for name in robots.names:
+        core.reports.status("KINEMATIC: no boards, no motors; positions follow the setpoints exactly", name)
+    return core
 
-    def __init__(self, context: IoContext) -> None:
-        """See `kinematic`."""
-        self.io, self._now_ns = context.io, context.now_ns
-        self.parts = parts = kinematic(context)
-        self.robots, self.record, self.reports = parts.robots, parts.record, parts.reports
-        self.pid, self.follow, self.desired = parts.pid, parts.follow, parts.desired
-        robots, record, now_ns = parts.robots, parts.record, context.now_ns
-        _show_what_is_not_there(record)
-        self._track, _ = track(parts)
-        self._commands, self._fault_handler = IoCommands(parts), FaultHandler(parts)
-        places = {follower.robot: follower.place for follower in self.follow.followers}
-        self._followed = [(place, robot, robots.slices[robot]) for robot, place in sorted(places.items())]
-        self._stamps_ns, self._moves = [0] * len(robots.names), [False] * len(robots.names)
-        record.velocity[...] = 0.0
-        self._step: Floats = np.zeros(robots.axes)
-        self._driven: Flags = np.zeros(robots.axes, dtype=bool)
-        self._cycles = 0
-        self.good = True  # every cycle has a sample
-        self.stamp_ns = now_ns()
-        """When the newest cycle began: the stamp of the record."""
-        for name in robots.names:
-            self.reports.status("KINEMATIC: no boards, no motors; positions follow the setpoints exactly", name)
 
-    def cycle(self, commands: Iterable[Request] = ()) -> None:
-        """One cycle; the caller publishes the record afterwards, and has numpy ignore NaN and infinite values."""
-        now_ns = self.stamp_ns = self._now_ns()
-        record, reports = self.record, self.reports
-        news = self._track(now_ns)
-        if news & ~self.follow.desired_bit:
-            self.follow.receive(now_ns, news)
-        self.desired.has_news = news >= self.follow.desired_bit and self.desired.are_new()
-        self._commands.execute(commands, now_ns)
-        if reports.trips:
-            self._fault_handler.act(now_ns)
-        self._commands.answer()
-        self._move(now_ns)
-        self.pid.control(record.position, record.velocity)
-        self._cycles += 1
-        record.cycle[...] = self._cycles
-        record.read_ns[...] = record.recv_ns[...] = now_ns
-        record.write_ns[...] = self._now_ns()
+class KinematicHalves(Halves):
+    """Both halves without encoding and decoding: samples are written as what they are, commands are read so."""
+
+    def __init__(self, parts: Parts, context: IoContext, uses: tuple[int, float, float]) -> None:
+        """See `Halves`."""
+        super().__init__(parts, context, uses, native=False)
+        self.track, self.why_numpy = track(parts)
+        self.bound = bind(IO, parts)
+        self._control: Callable[[float, int], object] = (
+            self.bound.function("control_and_encode") if isinstance(self.bound, BoundStruct) else self._by_numpy)
+        self._robots, self._record, self._follow = parts.robots, parts.record, parts.follow
+        self._status = parts.port.blocks[:, blocks.STATUS]
+        self._commanded = b""
+        self._has_obeyed = False
+        places = {follower.robot: follower.place for follower in self._follow.followers}
+        self._followed = [(place, robot, self._robots.slices[robot]) for robot, place in sorted(places.items())]
+        self._stamps_ns, self._moves = [0] * self._robots.count, [False] * self._robots.count
+        self._step: Floats = np.zeros(self._robots.axes)
+        self._driven: Flags = np.zeros(self._robots.axes, dtype=bool)
+        record = parts.record
+        record.simulated[...] = True
+        for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,
+                      record.pot_voltage, record.current, record.current_request, record.temperature,
+                      record.board_period):
+            field[...] = np.nan
+
+    def decode_and_check(self) -> int:
+        """The bits of `receive_and_check`: positions are never too far from their setpoints, nor values too large."""
+        self._move(self._port.recv_ns)
+        if not self._has_obeyed:
+            return 0
+        self._has_obeyed = False
+        return STATUS if self._power.watch() else 0
+
+    def control_and_encode(self, share: float, has_sample: int) -> int:
+        """Joint controllers, and the commands for power; efforts are in the record, and no motor takes them."""
+        self._control(share, has_sample)
+        self._record.current_request.fill(np.nan)
+        if self._outputs.has_one_shot or self._outputs.control.tobytes() != self._commanded:
+            self._obey()
+        return 0
+
+    def _by_numpy(self, share: float, has_sample: int) -> None:
+        self._pid.control(self._samples.position, self._samples.velocity)
+
+    def show(self) -> int:
+        """Fill the rest of the record; there are no inputs."""
+        self._record.position[...] = self._samples.position
+        return 0
 
     def _move(self, now_ns: int) -> None:
         """Put actuators that follow positions at their setpoints."""
-        record, pid, step = self.record, self.pid, self._step
+        position, velocity, pid, step = self._samples.position, self._samples.velocity, self._pid, self._step
         np.greater(pid.enabled, pid.effort_mode, out=self._driven)
         step.fill(0.0)
-        np.subtract(pid.setpoint_position, record.position, out=step, where=self._driven)
-        np.copyto(record.position, pid.setpoint_position, where=self._driven)
-        stamps, enabled, anything = self.follow.taken_ns.tolist(), record.pid_enabled.tolist(), step.any()
+        np.subtract(pid.setpoint_position, position, out=step, where=self._driven)
+        np.copyto(position, pid.setpoint_position, where=self._driven)
+        enabled, anything = self._record.pid_enabled.tolist(), step.any()
+        stamps = self._follow.taken_ns.tolist()
         for place, robot, axes in self._followed:
             stamp_ns = stamps[place]
             since_ns = stamp_ns - self._stamps_ns[robot]
             self._stamps_ns[robot] = stamp_ns
             if anything and since_ns > 0 and enabled[robot] and now_ns - stamp_ns <= MOVING_NS:
-                np.multiply(step[axes], 1e9 / since_ns, record.velocity[axes])
+                np.multiply(step[axes], 1e9 / since_ns, velocity[axes])
                 self._moves[robot] = True
             elif self._moves[robot] and (since_ns > 0 or not enabled[robot] or now_ns - stamp_ns > MOVING_NS):
-                record.velocity[axes] = 0.0
+                velocity[axes] = 0.0
                 self._moves[robot] = False
 
-    def want(self, wanted: int) -> None:
-        """No effect: no values are computed on demand."""
-
-    def shutdown(self) -> None:
-        """Mark everything as off in the record. Runs on every path out."""
-        now_ns = self._now_ns()
-        for robot in range(len(self.robots.names)):
-            self.follow.enable(robot, False, now_ns)
-            self.parts.power.off(robot)
-
-
-def _show_what_is_not_there(record: IoRecord) -> None:
-    """Set values that no sensor measures to NaN."""
-    record.valid[...] = record.robot_valid[...] = True
-    record.simulated[...] = record.biased[...] = record.encoder_set[...] = True
-    for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,
-                  record.pot_voltage, record.current, record.current_request, record.temperature, record.board_period):
-        field[...] = np.nan
+    def _obey(self) -> None:
+        """Power, relays and amplifiers as commanded; joints are at 0 when they get power."""
+        robots, status, samples, control = self._robots, self._status, self._samples, self._outputs.control
+        self._commanded, self._has_obeyed = control.tobytes(), True
+        had_power = status & registers.STATUS_POWER != 0
+        for mask, on, shown in SWITCHED:
+            status[control & mask != 0] &= ~np.uint32(shown)
+            status[control & on == on] |= np.uint32(shown)
+        has_power = status & registers.STATUS_POWER != 0
+        samples.position[(has_power & ~had_power)[robots.board_row[: robots.axes]]] = 0.0
+        np.logical_and(self._record.amp_enabled, has_power[robots.board_row], self._record.amp_on)
+        samples.amp_on[...] = self._record.amp_on

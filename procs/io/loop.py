@@ -13,7 +13,7 @@ from trocar.procs.io.assemble import IoContext
 from trocar.procs.io.bus.bus_port import BusPort
 from trocar.procs.io.bus.named_port import hold, port_of
 from trocar.procs.io.cycle import RobotIo
-from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.kinematic import kinematic_io
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.reports import IoEvent
 from trocar.procs.io.robots import ACCELERATION, SOFTWARE_VELOCITY, Robots
@@ -37,7 +37,6 @@ class IoLoop(runtime.Loop):
         io = node.document.io(node.name)
         robots = Robots(io)
         self._held = contextlib.ExitStack()
-        self._port = port = self._take_port(io, robots) if io.port else None
         self._out, self._mailbox = node.writes("state"), node.mailbox(NoFaults())  # of each robot: see RobotIo
         cells = [node.fault_cell(robot_component(io.name, name)) for name in robots.names]
         for cell in cells:
@@ -49,12 +48,12 @@ class IoLoop(runtime.Loop):
         report = self._mailbox.audit.write if self._mailbox.audit is not None else None
         context = IoContext(io, now_ns, record, sources, cells, gains, self._others["instruments"].field, report,
                             node.is_over, node.over_ns)
-        self._core: RobotIo | KinematicIo
-        if port is None:
-            self._core = KinematicIo(context)
-        else:
+        if io.port:
+            port = self._take_port(io, robots)
             self._core = RobotIo(context, port, prepare(robots, port))
-            node.computes(self._core.halves.why_numpy)
+        else:
+            self._core = kinematic_io(context)
+        node.computes(self._core.halves.why_numpy)
         self._subscriptions, bits = node.subscriptions, node.subscriptions.bits
         self._parts = ((bits("state", "software_velocity"), SOFTWARE_VELOCITY),
                        (bits("state", "acceleration"), ACCELERATION))
@@ -76,7 +75,7 @@ class IoLoop(runtime.Loop):
         return port
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
-        core, port = self._core, self._port
+        core = self._core
         if self._subscriptions.look():
             self._show_wanted()
         core.cycle(self._mailbox.drain(wall_ns) if self._mailbox.has_news else ())
@@ -90,8 +89,8 @@ class IoLoop(runtime.Loop):
         if events:
             self._report_buttons(events)
             events.clear()
-        if port is not None and core.good:
-            self.node.latency(port.send_ns - port.recv_ns)
+        if core.good:
+            self.node.latency(core.port.send_ns - core.port.recv_ns)
         while core.reports.changed:
             self._others[core.reports.changed.pop()].publish(core.stamp_ns)
 

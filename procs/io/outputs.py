@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.fpga import conversion, registers
 from trocar.procs.io.brakes import Brakes
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.record import Flags, IoRecord
 from trocar.procs.io.robots import Robots
 
@@ -24,7 +24,7 @@ PLAIN = registers.DAC_VALID
 class Outputs:
     """Fills `port.out` from efforts (n,) and the brakes' currents (b,)."""
 
-    def __init__(self, robots: Robots, port: BusPort, record: IoRecord, brakes: Brakes) -> None:
+    def __init__(self, robots: Robots, port: Port, record: IoRecord, brakes: Brakes) -> None:
         n = robots.drives
         self._robots, self._record, self.brakes = robots, record, brakes.current
         self._of_actuators = record.current_request[: robots.axes]

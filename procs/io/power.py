@@ -19,13 +19,11 @@ from numpy.typing import NDArray
 
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.brakes import Brakes
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.outputs import Outputs
-from trocar.procs.io.pid import Pid
 from trocar.procs.io.record import Flags, Floats, IoRecord
 from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots, Samples
-from trocar.procs.io.setpoint_tracker import SetpointTracker
 from trocar.procs.io.watchdogs import Watchdogs
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.tables import codes
@@ -60,7 +58,7 @@ class Supply:
 class Power:
     """Power state machines of all robots; they run only after a status change or a timeout."""
 
-    def __init__(self, robots: Robots, port: BusPort, record: IoRecord, outputs: Outputs, reports: IoReports,
+    def __init__(self, robots: Robots, port: Port, record: IoRecord, outputs: Outputs, reports: IoReports,
                  samples: Samples, brakes: Brakes, watchdogs: Watchdogs) -> None:
         """Reads the status words in the port's `blocks`; its boards are discovered."""
         self._brakes, self._watchdogs = brakes, watchdogs
@@ -278,40 +276,3 @@ class Power:
 
     def _wake_at(self, when_ns: int) -> None:
         self.wake_ns = min(self.wake_ns, when_ns)
-
-
-class KinematicPower:
-    """Power of robots that need none: a flag, and the joint controller with it."""
-
-    def __init__(self, robots: Robots, record: IoRecord, reports: IoReports, follow: SetpointTracker, pid: Pid) -> None:
-        self._robots, self._record, self._reports = robots, record, reports
-        self._follow, self._pid = follow, pid
-        self.changed = False
-        self.reached = record.amps_on
-
-    def on(self, robot: int, now_ns: int) -> str:
-        """Switch on at once, held at position 0; never refused: ""."""
-        record, axes = self._record, self._robots.slices[robot]
-        if record.power_requested[robot]:
-            return ""
-        self._show(robot, True)
-        record.position[axes] = 0.0
-        record.tracking_check[robot] = False
-        self._pid.check_tracking(axes, False)
-        self._follow.enable(robot, True, now_ns)
-        self._reports.status("power on (KINEMATIC)", self._robots.names[robot])
-        return ""
-
-    def supply(self, robot: int, now_ns: int, for_s: float) -> str:
-        """The reason for the refusal."""
-        return "it is KINEMATIC: it has no supply"
-
-    def off(self, robot: int, open_relays: bool = False) -> None:
-        """Off at once; there are no relays."""
-        if self._record.power_requested[robot]:
-            self._reports.status("power off", self._robots.names[robot])
-        self._show(robot, False)
-
-    def _show(self, robot: int, on: bool) -> None:
-        record = self._record
-        record.power_requested[robot] = record.powered[robot] = record.amps_on[robot] = on

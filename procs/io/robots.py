@@ -17,7 +17,7 @@ from trocar.procs.document.system import Actuator, Brake, Encoder, IoConfig, Lin
 from trocar.procs.fpga import blocks, conversion, lookup, registers
 from trocar.procs.fpga.blocks import Columns
 from trocar.procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.record import Flags, Floats, IoRecord
 from trocar.procs.node.fault_report import axis_titles
 
@@ -57,6 +57,8 @@ class Robots:
         self.count, self.brake_count = len(self.names), len(self.brakes)
         self.titles = axis_titles(io)
         """For every robot its axes, then its brakes, for messages."""
+        self.kinematic = [robot.hardware == "KINEMATIC" for robot in io.robots]
+        """Whether a robot has no boards; see kinematic.py."""
         self.motors_off = [io.calibration_mode and robot.hardware == "dRA1" for robot in io.robots]
         """Whether calibration mode keeps the motors of a robot off, so that only its brakes are powered."""
         self._place_drives()
@@ -170,7 +172,7 @@ class Pots:
 class Samples:
     """The newest good sample, decoded. `values` (ROWS, n) keeps its memory; the named rows are views of it."""
 
-    def __init__(self, robots: Robots, port: BusPort, record: IoRecord) -> None:
+    def __init__(self, robots: Robots, port: Port, record: IoRecord) -> None:
         """Decodes the port's `blocks`; its boards are discovered."""
         n, hardware = robots.axes, np.array(port.hardware)[robots.board_row]
         self._robots, self._record, self._flat = robots, record, port.blocks.reshape(-1)

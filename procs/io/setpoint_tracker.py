@@ -46,8 +46,7 @@ class TrackedRobot:
 class SetpointTracker:
     """Feeds the joint controller from the arms' rings."""
 
-    def __init__(self, io: IoConfig, robots: Robots, samples: Samples | IoRecord, pid: Pid, record: IoRecord,
-                 reports: IoReports,
+    def __init__(self, io: IoConfig, robots: Robots, samples: Samples, pid: Pid, record: IoRecord, reports: IoReports,
                  sources: Sequence[RingSource]) -> None:
         """`sources` in the order of `io.pids`."""
         n = robots.axes

@@ -17,6 +17,7 @@ from trocar.procs.document.system import Actuator, Brake
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.bus.bus_port import ALL_BOARDS, BusPort
 from trocar.procs.io.bus.discovery import BoardInfo
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.record import Flags
@@ -42,7 +43,7 @@ def prepare(robots: Robots, port: BusPort) -> Flags:
     return _preset(robots, port)
 
 
-def restore(robots: Robots, port: BusPort, watchdogs: Watchdogs, outputs: DigitalOutputs, rows: Flags, now_ns: int
+def restore(robots: Robots, port: Port, watchdogs: Watchdogs, outputs: DigitalOutputs, rows: Flags, now_ns: int
             ) -> Flags:
     """Restore the settings of boards (by row) that return; returns the encoders (axes,) on them that are no longer set.
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.reports import IoReports
 from trocar.procs.tables import codes
@@ -18,7 +20,9 @@ REPEAT_NS: Final = 120_000_000_000  # of the warning
 
 
 class Timing:
-    """Means over a second; powered robots are stopped when the loop is far too slow to control them."""
+    """Means over a second; powered robots are stopped when the loop is far too slow to control them. KINEMATIC ones
+    need no control.
+    """
 
     def __init__(self, name: str, period_s: float, record: IoRecord, reports: IoReports, now_ns: int) -> None:
         self._name, self._period_s, self._record, self._reports = name, period_s, record, reports
@@ -41,9 +45,8 @@ class Timing:
         if now_ns - self._start_ns < START_NS:
             return
         if period_s > RATIO * self._period_s:
-            for robot, wanted in enumerate(self._record.power_requested.tolist()):
-                if wanted:
-                    self._reports.trip(codes.PERIOD, robot, value=period_s, limit=RATIO * self._period_s)
+            for robot in np.flatnonzero(self._record.power_requested & ~self._record.simulated).tolist():
+                self._reports.trip(codes.PERIOD, robot, value=period_s, limit=RATIO * self._period_s)
         elif work_s > self._period_s and now_ns - self._warned_ns >= REPEAT_NS:
             self._warned_ns = now_ns
             self._reports.warn(codes.PERIOD_LONG, self._name, value=work_s, limit=self._period_s)

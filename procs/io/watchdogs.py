@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.fpga import registers
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.record import Flags
 from trocar.procs.io.reports import IoReports
@@ -29,7 +29,7 @@ PERIOD_BITS: Final = 0xFFFF
 class Watchdogs:
     """Watchdogs of all boards of a bus. `unconfirmed` (boards,): the board has not shown the period yet."""
 
-    def __init__(self, robots: Robots, port: BusPort, reports: IoReports, now_ns: int) -> None:
+    def __init__(self, robots: Robots, port: Port, reports: IoReports, now_ns: int) -> None:
         """Write all periods; the boards of `port` are discovered."""
         self._robots, self._port, self._reports = robots, port, reports
         self._counts = registers.watchdog_counts(robots.io.watchdog_s)

@@ -1,4 +1,4 @@
-"""The arrays of the halves of io's cycle, from `BoardParts` (procs/io/assemble.py).
+"""The arrays of the halves of io's cycle, from `Parts` (procs/io/assemble.py).
 
 n: actuators, d: drives, i.e. actuators and brakes.
 """

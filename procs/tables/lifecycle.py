@@ -34,8 +34,8 @@ def is_meant(reason: str) -> bool:
 
 
 def may_have_written(reason: str) -> bool:
-    """Whether a process that ended for this reason may have written the cause to its log; a signal gives it no time."""
-    return not any(signal in reason for signal in ("SIGKILL", "SIGSTOP"))
+    """Whether a process that ended for this reason may have written the cause to its log; SIGKILL gives it no time."""
+    return not any(word in reason for word in ("SIGKILL", "SIGSTOP"))
 
 
 def step(state: str, event: str) -> tuple[str, str]:

@@ -19,7 +19,7 @@ from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.io.assemble import IoContext
-from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.kinematic import kinematic_io
 from trocar.procs.io.record import IoRecord as IoRecord
 from trocar.procs.io.setpoint_rings import DesiredFields
 from trocar.procs.tables.arm_types import ARM_TYPES
@@ -89,7 +89,7 @@ class KinematicPair:
 
     def start_io(self) -> None:
         self.record = IoRecord(self.memory.field)
-        self.core = KinematicIo(IoContext(self.system.io("io"), lambda: self.now_ns, self.record, [self.source]))
+        self.core = kinematic_io(IoContext(self.system.io("io"), lambda: self.now_ns, self.record, [self.source]))
         self.orders.clear()
 
     def start_arm(self) -> None:

@@ -9,7 +9,7 @@ from tests.io.harness import FakeCommand, FakeSource, SteppedClock
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.system import IoConfig
 from trocar.procs.io.assemble import IoContext
-from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.kinematic import kinematic_io
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.setpoint_tracker import DRIVE
 from trocar.procs.kinematics.trajectory import Trajectory
@@ -19,7 +19,7 @@ PERIOD_NS = 1_000_000
 SEVEN = (0.1, -0.2, 0.15, 0.3, 0.1, -0.1, 0.2)
 
 
-def kinematic_io() -> IoConfig:
+def document() -> IoConfig:
     system = load_system(PROJECT_CONFIGS / "systems/kinematic.yaml").system
     assert system is not None
     return system.io("io")
@@ -29,10 +29,10 @@ class KinematicStage:
     """The robot of the newcomers' file, its arm and a clock."""
 
     def __init__(self, record: IoRecord | None = None) -> None:
-        self.io, self.clock, self.arm = kinematic_io(), SteppedClock(), FakeSource()
+        self.io, self.clock, self.arm = document(), SteppedClock(), FakeSource()
         self.record = record or IoRecord.private(7, 1, 0)
         self.alive = True
-        self.core = KinematicIo(IoContext(self.io, self.clock, self.record, [self.arm]))
+        self.core = kinematic_io(IoContext(self.io, self.clock, self.record, [self.arm]))
 
     def run(self, cycles: int = 1, *commands: FakeCommand) -> None:
         for _ in range(cycles):
@@ -48,6 +48,11 @@ class KinematicStage:
         command = FakeCommand(name, "PSM1", *values)
         self.run(1, command)
         return command
+
+    def power(self) -> None:
+        command = self.ask("power_on")
+        self.run(3)
+        assert command.outcome == "done"
 
     def send(self, mode: int = DRIVE, **arrays) -> None:
         self.arm.mode[...] = mode
@@ -70,17 +75,31 @@ def stage() -> KinematicStage:
 
 @pytest.fixture
 def powered(stage: KinematicStage) -> KinematicStage:
-    assert stage.ask("power_on").outcome == "done"
+    stage.power()
+    assert stage.ask("pid_enable", 1).outcome == "done"
     return stage
 
 
-def test_power_is_on_at_once_with_the_joint_controller_at_zero(stage: KinematicStage) -> None:
-    stage.record.position[...] = SEVEN
+def test_power_is_on_within_three_cycles_with_the_joints_at_zero() -> None:
+    record = IoRecord.private(7, 1, 0)
+    record.position[...] = SEVEN
+    stage = KinematicStage(record)
     command = stage.ask("power_on")
-    record = stage.record
+    assert tuple(record.position) == SEVEN and not record.powered[0]
+    stage.run(3)
     assert command.answers[-1][0] == "done"
-    assert record.powered[0] and record.amps_on[0] and record.pid_enabled[0] and not record.tracking_check[0]
+    assert record.powered[0] and record.amps_on[0] and not record.pid_enabled[0] and not record.tracking_check[0]
     assert not record.position.any() and not record.setpoint_position.any() and not record.velocity.any()
+
+
+def test_power_again_puts_the_joints_to_zero_and_a_second_power_on_does_not(powered: KinematicStage) -> None:
+    powered.send(position=SEVEN)
+    powered.run()
+    powered.power()
+    assert tuple(powered.record.position) == SEVEN, "it has power already"
+    assert powered.ask("power_off").outcome == "done"
+    powered.power()
+    assert not powered.record.position.any()
 
 
 def test_record_says_that_it_is_played_and_makes_nothing_up(powered: KinematicStage) -> None:
@@ -88,7 +107,8 @@ def test_record_says_that_it_is_played_and_makes_nothing_up(powered: KinematicSt
     assert record.simulated[0] and record.valid and record.biased[0] and record.bias_generation[0] == 1
     for name in ("current", "current_request", "temperature", "pot_position", "pot_voltage", "firmware_velocity"):
         assert np.isnan(getattr(record, name)).all(), name
-    assert not record.relay[0] and not record.amp_on.any() and not record.amp_enabled.any()
+    assert record.relay[0] and record.amp_on.all() and record.amp_enabled.all(), "as commanded"
+    assert not record.watchdog[0] and not record.power_fault[0] and not record.bad_reads
     assert np.isnan(record.board_period[0]) and not record.effort.any()
     assert any("KINEMATIC" in text for text in powered.texts)
 
@@ -133,6 +153,13 @@ def test_joints_in_effort_mode_stay_and_their_velocity_is_zero(powered: Kinemati
     assert powered.record.effort_mode.all() and tuple(powered.record.position) == SEVEN
     assert not powered.record.velocity.any()
     assert powered.record.setpoint_effort == pytest.approx(np.ones(7)) and not powered.record.effort.any()
+
+
+def test_a_slow_loop_is_no_fault_of_a_robot_that_needs_no_control(powered: KinematicStage) -> None:
+    for _ in range(2500):  # 15 s, at a fraction of the rate
+        powered.clock.ns += 5 * PERIOD_NS
+        powered.run()
+    assert powered.codes == [] and powered.record.powered[0] and powered.record.pid_enabled[0]
 
 
 def test_disabled_robot_holds_its_position(powered: KinematicStage) -> None:

@@ -99,7 +99,7 @@ class SocketHarness(BoardsHarness):
         self.core._oldest_ns, self.core._stable_ns = 100 * SECOND_NS, SECOND_NS
         self.bits: list[int] = []
         for name in ("receive_and_check", "control_and_send"):
-            setattr(self.port, name, self._noted(getattr(self.port, name)))
+            setattr(self.core.halves, name, self._noted(getattr(self.core.halves, name)))
         self.faults = BoardFaults(self.world, self.plant)
         try:
             self.bring_up("PSM1")

@@ -43,7 +43,7 @@ def good(counters: Counters) -> bool:
 def test_a_calm_cycle_is_one_call(psm: SocketHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     psm.port.counters.clear()
     psm.link.forget_written()
-    for part, name in ((psm.exchange._link, "receive"), (psm.core, "_decide"), (psm.port, "write_all")):
+    for part, name in ((psm.exchange.link, "receive"), (psm.core, "_decide"), (psm.port, "write_all")):
         monkeypatch.setattr(part, name, None)
     psm.bits.clear()
     psm.cycle(count=20)
@@ -164,7 +164,7 @@ def test_silence_is_waited_for_once(psm: SocketHarness) -> None:
     assert psm.once() == [MISSED, SENT]
     counters = psm.port.counters
     assert counters.timeouts == 1 and counters.bad_reads == 1
-    assert counters.waited_ns == psm.exchange._link.cycle_timeout_ms * 1_000_000
+    assert counters.waited_ns == psm.exchange.link.cycle_timeout_ms * 1_000_000
     psm.link.spoil = lambda reply: [reply]
     psm.calm()
     assert psm.errors() == []
@@ -172,7 +172,7 @@ def test_silence_is_waited_for_once(psm: SocketHarness) -> None:
 
 def test_a_hub_that_drops_a_read_is_no_boards_fault(psm: SocketHarness) -> None:
     psm.port.counters.clear()
-    dropped = bytes((0, psm.exchange._link.generation, *bytes(6)))
+    dropped = bytes((0, psm.exchange.link.generation, *bytes(6)))
     assert len(dropped) == wire.TRAILER_BYTES
     psm.link.spoil = lambda reply: [dropped]
     assert psm.once() == [MISSED, SENT]
@@ -191,13 +191,13 @@ def test_the_label_of_a_read_rests_whose_reply_may_still_come(psm: SocketHarness
 
     psm.link.forgets, psm.link.spoil = False, of_another_node
     assert psm.once() == [MISSED, SENT]
-    link = psm.exchange._link
+    link = psm.exchange.link
     assert list(link._missing) == labels
 
 
 def test_while_labels_rest_more_than_the_label_is_looked_at(psm: SocketHarness) -> None:
-    psm.exchange._link._missing.append(5)
-    psm.exchange._link._forgets = False
+    psm.exchange.link._missing.append(5)
+    psm.exchange.link._forgets = False
     assert psm.once() == [0, CALM] and psm.record.valid
 
 
@@ -239,7 +239,7 @@ def test_what_the_system_did_not_take_is_sent_again(psm: SocketHarness) -> None:
     assert psm.once() == [CONTROLLED, 0]
     psm.link.spoil = lambda reply: [reply]
     assert psm.port.counters.writes == 1 and psm.port.counters.bad_writes == 0
-    assert psm.exchange._link.suspect, "nobody may have listened to an earlier datagram"
+    assert psm.exchange.link.suspect, "nobody may have listened to an earlier datagram"
     psm.calm()
 
 
@@ -280,7 +280,7 @@ def test_the_boards_time_is_learned_from_what_the_call_took(psm: SocketHarness) 
 
 
 def test_a_reply_is_also_found_by_looking_for_it_again_and_again(psm: SocketHarness) -> None:
-    psm.exchange._link.spin_ns = 100_000
+    psm.exchange.link.spin_ns = 100_000
     assert psm.once() == [CALM]
     psm.link.spoil = lambda reply: []
     assert psm.once() == [MISSED, SENT] and psm.port.counters.timeouts == 1
@@ -288,7 +288,7 @@ def test_a_reply_is_also_found_by_looking_for_it_again_and_again(psm: SocketHarn
 
 def test_another_socket_is_taken_at_once(psm: SocketHarness) -> None:
     before = psm.link.fd
-    psm.exchange._link.suspect = True
+    psm.exchange.link.suspect = True
     assert psm.once() == [CALM] and psm.link.fd != before
     psm.link.forget_written()
     assert psm.once() == [CALM]
@@ -314,7 +314,7 @@ def test_after_a_bus_reset_the_call_goes_on(psm: SocketHarness) -> None:
 
 def test_without_the_calls_a_sample_is_just_read(psm: SocketHarness) -> None:
     psm.port.exchange = None
-    assert psm.once() == [] and psm.record.valid and psm.port.counters.writes
+    assert psm.once() == [0, CONTROLLED] and psm.record.valid and psm.port.counters.writes
 
 
 def test_the_struct_is_bound_to_arrays_that_stay(psm: SocketHarness) -> None:

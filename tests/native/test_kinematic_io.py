@@ -1,4 +1,4 @@
-"""KINEMATIC robots whose setpoints native code takes, and such of which numpy does: the same, whatever arms write."""
+"""KINEMATIC robots by native code and by numpy: the same, whatever arms write."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.native.shadow import bits
 from tests.native.test_track import ARMS, COMMANDS, Both
 from trocar.procs.io.assemble import IoContext
 from trocar.procs.io.halves import numpy_track
-from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.kinematic import kinematic_io
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.setpoint_rings import RingSource
 from trocar.procs.native.bound import BoundStruct
@@ -31,7 +31,7 @@ class KinematicStand:
         self.io, self.clock = document(len(ARMS), digital_inputs=()), SteppedClock()
         self.record = IoRecord.private(7 * len(ARMS), len(ARMS), 0)
         sources = [RingSource(directory.reader(system, arm, "setpoint", "arm")) for arm in ARMS]
-        self.core = KinematicIo(IoContext(self.io, self.clock, self.record, sources))
+        self.core = kinematic_io(IoContext(self.io, self.clock, self.record, sources))
 
     def run(self, cycles: int, *commands: FakeCommand) -> None:
         """So many cycles, the first with these commands."""
@@ -49,7 +49,8 @@ class BothKinematic(Both):
         super().__init__(system)
         self.stands: list[Any] = [KinematicStand(system) for _ in range(2)]
         slow = self.stands[1].core
-        slow._track = numpy_track(slow.parts)
+        slow.halves.track = numpy_track(slow.parts)
+        slow.halves._control = slow.halves._by_numpy
         self.bound = [bind(TRACK, stand.core.parts) for stand in self.stands]
 
     def compare(self) -> None:
@@ -85,8 +86,8 @@ def test_both_come_to_the_same_in_every_cycle(both: BothKinematic, seed: int) ->
 @pytest.mark.slow
 def test_robots_that_follow_call_the_tracker_for_nothing(both: BothKinematic, monkeypatch: pytest.MonkeyPatch) -> None:
     stand = both.stands[0]
-    name, *values = COMMANDS[0]
-    stand.run(1, *(FakeCommand(name, arm, *values) for arm in ARMS))
+    for name, *values in COMMANDS[:2]:  # power, and then the joint controllers
+        stand.run(5, *(FakeCommand(name, arm, *values) for arm in ARMS))
     asked = []
     for cycle in range(20):
         if cycle == 10:  # what is new to it has been looked at by then

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.system.conftest import systems
-from tests.system.robot import Robot, wait_for
+from tests.system.robot import SLOWER, Robot, wait_for
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools.examples.operator_sim import SimTeleop
 
@@ -30,7 +30,7 @@ class RunningDemo:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        robot.supervisor = robot.popen("demo", "--system", robot.name, "--clock", "lockstep")
+        robot.supervisor = robot.popen("demo", "--system", robot.name, "--clock", "lockstep", *SLOWER)
         wait_for(lambda: self.lives() and "following after" in robot.output(), LONG_S, "the demo follows")
         self.teleop, self.time = SimTeleop(robot.name, TELEOP), SystemTime(robot.name)
 

@@ -19,7 +19,7 @@ from tests.arm.test_kinematic_arm import Order, Source, kinematic_system
 from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.io.assemble import IoContext
-from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.kinematic import kinematic_io
 from trocar.procs.io.record import IoRecord as IoRecord
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.tables import codes
@@ -53,7 +53,7 @@ class IoAlone:
         self.memory, self.cycle = Record(IO_STATE, **AXES), 0
         self.source = Source(setpoint)
         io, record = kinematic_system().io("io"), IoRecord(self.memory.field)
-        self.core = KinematicIo(IoContext(io, lambda: ns(self.cycle), record, [self.source]))
+        self.core = kinematic_io(IoContext(io, lambda: ns(self.cycle), record, [self.source]))
 
     def step(self, cycle: int) -> None:
         self.cycle = cycle

@@ -356,8 +356,7 @@ def _slow(row: Process, page: ControlPage) -> str:
     period_s = float(page.get("period_avg")) if row.kind in PACED else 0.0
     if row.period_s <= 0.0 or period_s <= SLOW * row.period_s:
         return ""
-    rates = f"{1.0 / period_s:.4g} Hz instead of {1.0 / row.period_s:.4g}"
-    return f"runs at {rates}: this machine is too slow or too busy (trocar doctor)"
+    return f"runs at {1 / period_s:.4g} Hz instead of {1 / row.period_s:.4g}: this machine is too slow (trocar doctor)"
 
 
 def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:

@@ -12,7 +12,7 @@ from trocar.procs.config import Checked, check_file
 from trocar.procs.config.read.problem import WARNING, count
 from trocar.procs.machine.paths import is_folder
 from trocar.tools.output.printing import emit, tell
-from trocar.tools.verbs.options import JsonOption
+from trocar.tools.verbs.options import JsonOption, SetOption
 
 FINE, WRONG = 0, 1
 SUFFIXES = (".json", ".yaml")
@@ -22,7 +22,7 @@ def check(
     files: Annotated[list[Path], typer.Argument(metavar="FILES...", help="System files, or any file a system names.")],
     path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
     boards: Annotated[str | None, typer.Option("--boards", help="`emulated`, `real`: as `up` would start it.")] = None,
-    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a Trocar value.")] = None,
+    sets: SetOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Validate configuration files: each mistake with file, line, key, value and what is allowed.

@@ -29,7 +29,7 @@ from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import LiveLine, emit, note, number, progress, table, tell
 from trocar.tools.systems.supervising import START_S, StartRequest, up_meanwhile
 from trocar.tools.systems.web_address import reserved_port, web_addresses
-from trocar.tools.verbs.options import ClockOption, JsonOption, clock_set
+from trocar.tools.verbs.options import ClockOption, JsonOption, SetOption, clock_set
 
 SYSTEM = PROJECT_CONFIGS / "systems" / "demo-teleop.yaml"
 NAME = "demo"
@@ -54,6 +54,7 @@ def demo(
     listen: Annotated[str, typer.Option(
         "--listen", metavar="ADDRESS", help="Address of the web console, e.g. 0.0.0.0:8080; browsers on other machines "
         "need the token that is printed.")] = "",
+    sets: SetOption = None,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
 ) -> int:
@@ -67,12 +68,12 @@ def demo(
 
     Example: trocar demo --for 10
     """
-    sets = clock_set(clock)
+    values = (*(sets or ()), *clock_set(clock))
     begin = monotonic_ns()
     end = begin + round((SLOWEST * seconds + AROUND_S) * 1e9) if seconds else None
     summary: dict[str, Any] = {"problems": []}
     with reserved_port(GUI_PORT) as port, up_meanwhile(
-            StartRequest(SYSTEM, system, "emulated", sets=(*sets, f"gui.listen={listen or f'127.0.0.1:{port}'}")),
+            StartRequest(SYSTEM, system, "emulated", sets=(*values, f"gui.listen={listen or f'127.0.0.1:{port}'}")),
             _left_s(end) or START_S) as background:
         try:
             note(f"see it, and run it: {', '.join(web_addresses(system))}")

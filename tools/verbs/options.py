@@ -18,6 +18,10 @@ ClockOption = Annotated[
     str, typer.Option("--clock", metavar="CLOCK",
                       help="wall, paced (simulated, never faster) or lockstep; default: paced without hardware."),
 ]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section, e.g. "
+                                   "io.period_s=0.001; docs/configuration.md lists all keys."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="JSON for programs, one object a line.")]
 
 

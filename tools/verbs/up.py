@@ -19,7 +19,7 @@ from trocar.tools.systems.find import environment, system_file
 from trocar.tools.systems.supervising import Background, StartRequest, refuse_shortage, refuse_taken
 from trocar.tools.systems.web_address import web_addresses
 from trocar.tools.verbs.logs import tail
-from trocar.tools.verbs.options import ClockOption, JsonOption, clock_set
+from trocar.tools.verbs.options import ClockOption, JsonOption, SetOption, clock_set
 
 DEMO = PROJECT_CONFIGS / "systems" / "demo.yaml"
 NOTES = 30
@@ -34,9 +34,7 @@ def up(
     clock: ClockOption = "",
     seconds: Annotated[float | None, typer.Option(
         "--for", min=0.0, help="Stop after this many seconds of real time, on every clock.")] = None,
-    sets: Annotated[list[str] | None, typer.Option(
-        "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section, e.g. io.period_s=0.001; "
-        "docs/configuration.md lists all keys.")] = None,
+    sets: SetOption = None,
     detach: Annotated[bool, typer.Option("--detach", help="Return when the system is up; it runs on.")] = False,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option(

@@ -23,7 +23,7 @@ class Calibrating(Stage):
         control = self.control
         control.held = False
         control.io_requests.brakes.want(False)
-        control.io_requests.pid.want(None if control.is_kinematic else False)
+        control.io_requests.pid.want(control.is_kinematic)
         self.within(BIAS_NS)
         self._asked = False
 

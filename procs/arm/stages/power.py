@@ -48,7 +48,7 @@ class Powering(Stage):
 
     def enter(self) -> None:
         self._tries = 0
-        self.control.io_requests.pid.want(None if self.control.is_kinematic else False)  # a kinematic robot has it
+        self.control.io_requests.pid.want(False)
         self._ask()
 
     def run(self) -> None:
@@ -84,7 +84,7 @@ class Powering(Stage):
 
 
 class Enabled(Stage):
-    """Power without motion: brakes hold, the joint controller is off."""
+    """Power without motion: brakes hold, the joint controller is off; that of a KINEMATIC robot is on."""
 
     def enter(self) -> None:
         control, io_requests = self.control, self.control.io_requests
@@ -92,7 +92,7 @@ class Enabled(Stage):
         io_requests.power.want(None)  # from now on a loss of power is a fault, not to be repaired
         if not control.held:
             io_requests.brakes.want(False)
-            io_requests.pid.want(None if control.is_kinematic else False)
+            io_requests.pid.want(control.is_kinematic)
 
     def run(self) -> None:
         if self.control.machine.goes_on:

@@ -297,6 +297,7 @@ def _kinematic(system: SystemFiles, arms: list[LoadedArm]) -> tuple[document.IoC
         protocol="",
         period_s=system.own(KINEMATIC_IO).period_s or options.period_s or asked,
         watchdog_s=0.0,
+        current_error_a=0.0,
         close_all_relays=False,
         robots=tuple(loaded.robot for loaded in arms),
         pids=tuple(loaded.pid for loaded in arms if loaded.starts),

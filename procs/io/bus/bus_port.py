@@ -13,7 +13,8 @@ from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus import discovery
 from trocar.procs.io.bus.discovery import BoardInfo
 from trocar.procs.io.bus.exchange import Exchange, ExchangeSettings
-from trocar.procs.io.bus.link import Counters, Link, Quads
+from trocar.procs.io.bus.link import Link, Quads
+from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.protocols import (
     BROADCAST_QUERY,
     PROTOCOLS,
@@ -27,7 +28,6 @@ from trocar.procs.io.bus.protocols import (
 from trocar.procs.io.bus.push_read import UnaskedRead
 from trocar.procs.io.bus.rows import Rows
 from trocar.procs.io.bus.transport import PortError, Transport
-from trocar.procs.native.io_fields import MISSED, SENT
 
 _Reader: TypeAlias = QueryRead | UnaskedRead | SequentialRead
 _Writer: TypeAlias = BroadcastWrite | SequentialWrite
@@ -37,7 +37,7 @@ ALL_BOARDS: Final = 0x3F  # in place of a board id: every board of the bus
 MAX_BLOCK: Final = 1440  # bytes of a manual block transfer, whatever the transport permits
 
 
-class BusPort:
+class BusPort(Port):
     """A bus with its boards. `board_ids` may come in any order; array rows are the boards in ascending id.
 
     `now_ns` is the clock of all stamps, CLOCK_MONOTONIC unless `real_time=False`: a simulated clock, which does not
@@ -55,7 +55,7 @@ class BusPort:
                  protocol: str = BROADCAST_QUERY, *, bridge: bool = False, real_time: bool = True,
                  exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
                  first_control: int = 0, quiet: bool = False, spin_ns: int = 0) -> None:
-        self.board_ids = tuple(sorted(board_ids))
+        super().__init__(board_ids, now_ns)
         where = f"port {transport.where}"
         wrong = [b for b in self.board_ids if not 0 <= b <= 15]
         if wrong or len(set(self.board_ids)) != len(self.board_ids):
@@ -66,18 +66,7 @@ class BusPort:
         self._exclusive, self._query_wait_ns = exclusive, query_wait_ns
         self._first_control, self._quiet = first_control, quiet
         self._hub: discovery.HubBoard | None = None
-        count = len(self.board_ids)
-        self._make_rows(registers.AXES)
-        self.bad = np.zeros(count, np.bool_)  # boards without a sample in the last read
-        self.away = np.zeros(count, np.bool_)
-        """(n_boards,): boards that have left the bus. Their rows keep their values; samples of the other boards are
-        valid.
-        """
-        self.recv_ns = 0
-        """When the last datagram of the last read arrived."""
-        self.send_ns = 0
-        """When the last write was sent."""
-        self.counters = Counters(count)
+        self.bad = np.zeros(len(self.board_ids), np.bool_)  # boards without a sample in the last read
         self.boards: tuple[BoardInfo, ...] = ()
         self._link = Link(transport, now_ns, real_time, spin_ns)
         self._link.counters = self.counters
@@ -86,21 +75,6 @@ class BusPort:
         self._nodes: ChainMap[int, int] = ChainMap()
         self._reader: _Reader | None = None
         self._writer: _Writer | None = None
-        self._settings: ExchangeSettings | None = None
-        self.exchange: Exchange | None = None
-        """The native calls of a cycle; None: this bus or this machine has none."""
-
-    def _make_rows(self, width: int) -> None:
-        count = len(self.board_ids)
-        self.hardware = ("QLA1",) * count
-        """Hardware of every board: QLA1, DQLA or dRA1; known, like all arrays, after discovery."""
-        self.columns = blocks.Columns(width)
-        self.blocks: Quads = np.zeros((count, self.columns.count), np.uint32)
-        """(n_boards, columns.count): the last good real-time block of every board; a bad read does not change it."""
-        self.out: Quads = np.zeros((count, width + 1), np.uint32)
-        """(n_boards, columns.width + 1): a command for every motor, and the control word, for the next write, as Rev 8
-        words.
-        """
 
     def open(self) -> None:
         """Open the transport."""
@@ -234,49 +208,15 @@ class BusPort:
 
     def set_exchange(self, settings: ExchangeSettings) -> None:
         """Have `exchange` do io's halves with these settings from now on, where the native library can."""
-        self._settings = settings
+        super().set_exchange(settings)
         self._make_exchange()
 
     def _make_exchange(self) -> None:
         """Possible with one query to all boards, one write to all, and the machine's clock."""
-        reader, writer, settings = self._reader, self._writer, self._settings
+        reader, writer, settings = self._reader, self._writer, self.settings
         if (settings is not None and self._link.real_time and isinstance(reader, QueryRead)
                 and isinstance(writer, BroadcastWrite)):
             self.exchange = Exchange(self._link, reader, writer, settings)
-
-    def receive_and_check(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """`read_all` and the checks behind it, by `exchange`: bits of `Halves.receive_and_check`.
-
-        Without a bit, for samples before `wake_ns`, `control_and_send` follows in the same call. `good_ns`: when the
-        previous sample arrived; `gap_ns`: mean interval of the samples so far; `over_ns`: see `control_and_send`.
-        """
-        exchange, counters = self.exchange, self.counters
-        if exchange is None:
-            raise self._not_ready()
-        bits = exchange.receive_and_check(good_ns, wake_ns, over_ns, gap_ns)
-        self.recv_ns = self._link.recv_ns
-        counters.reads += 1
-        if bits & MISSED:
-            counters.bad_reads += 1
-        self._note(bits)
-        return bits
-
-    def control_and_send(self, share: float, has_sample: bool, over_ns: int) -> int:
-        """The efforts and `write_all`, by `exchange`; without SENT in the result, `write_all` is still to be called.
-
-        After `over_ns`, on CLOCK_BOOTTIME, nothing is sent.
-        """
-        exchange = self.exchange
-        if exchange is None:
-            raise self._not_ready()
-        bits = exchange.control_and_send(share, has_sample, over_ns)
-        self._note(bits)
-        return bits
-
-    def _note(self, bits: int) -> None:
-        if bits & SENT:
-            self.send_ns = self._link.send_ns
-            self.counters.writes += 1
 
     def write_all(self) -> bool:
         """Send `out` to every board, also after a bad read (the write feeds the watchdogs), then zero its control

@@ -42,7 +42,7 @@ class Exchange:
     """
 
     def __init__(self, link: Link, reader: QueryRead, writer: BroadcastWrite, settings: ExchangeSettings) -> None:
-        self._link, self._reader, self._writer, self.settings = link, reader, writer, settings
+        self.link, self._reader, self._writer, self.settings = link, reader, writer, settings
         self._check, self._encode, _ = (settings.halves.function(name) for name in IO.functions)
         self.io = settings.halves.address
         self.came = np.zeros(3, np.int64)
@@ -58,7 +58,7 @@ class Exchange:
     def _prepare(self) -> None:
         """Prepare for another bus generation, hub or set of boards: rare."""
         reader, groups = self._reader, self._writer.groups
-        self._made_for, self._generation = reader.made_for, self._link.generation
+        self._made_for, self._generation = reader.made_for, self.link.generation
         heads = b"".join(self._writer.heads())
         self.labels, self.head_bytes = len(heads) // HEAD_BYTES, HEAD_BYTES
         self.heads = np.frombuffer(heads, np.uint8).reshape(self.labels, self.head_bytes)
@@ -73,8 +73,8 @@ class Exchange:
                 self._receive, self._send = (bound.function(name) for name in EXCHANGE.functions)
 
     def receive_and_check(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """See `BusPort.receive_and_check`."""
-        link, reader = self._link, self._reader
+        """Bits of `Halves.receive_and_check`. After `over_ns`, on CLOCK_BOOTTIME, nothing is sent."""
+        link, reader = self.link, self._reader
         tl, timeout_ms = reader.request(), link.cycle_timeout_ms
         if tl == UNSENT:
             return MISSED
@@ -101,7 +101,7 @@ class Exchange:
 
     def control_and_send(self, share: float, has_sample: bool, over_ns: int) -> int:
         """Bits of `Halves.control_and_send`; without SENT, `BusPort.write_all` has to send the words."""
-        link, fd, send = self._link, self._link.transport.fd, self._send
+        link, fd, send = self.link, self.link.transport.fd, self._send
         if send is None or fd < 0 or link.generation != self._generation:
             return self._encode(share, has_sample)
         before = link.tl
