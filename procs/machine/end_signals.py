@@ -14,19 +14,6 @@ Hook = Callable[[type[BaseException], BaseException, TracebackType | None], obje
 
 
 @contextlib.contextmanager
-def ended_by_term() -> Iterator[None]:
-    """In the main thread: SIGTERM ends the program with exit code 143, and open resources are closed."""
-    def over(number: int, frame: FrameType | None) -> None:
-        sys.exit(128 + number)
-
-    before = signal.signal(signal.SIGTERM, over)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextlib.contextmanager
 def ended_as_by_ctrl_c() -> Iterator[None]:
     """SIGTERM, and SIGHUP from a closed terminal, act like Ctrl-C; no effect outside of the main thread.
 

@@ -16,6 +16,7 @@ from typing import Final
 from trocar.procs.document.system import SystemConfig, from_json
 from trocar.procs.node.node_memory import NodeMemory
 from trocar.procs.node.setup_error import exit_code, explains_itself
+from trocar.shm.mailbox.origins import ACTING
 from trocar.shm.system import directory, loglines
 
 SETUP_FAILED: Final = 3
@@ -23,12 +24,16 @@ LOOP_FAILED: Final = 4
 
 
 def arguments(kind: str) -> argparse.Namespace:
-    """Parse the arguments of every process, its system and name, and begin its log, which has each line at once."""
+    """Parse the arguments of every process, its system and name, and begin its log, which has each line at once.
+
+    From now on this name is that of its commands, too.
+    """
     parser = argparse.ArgumentParser(prog=kind, description=f"One {kind}, started by trocar up.")
     parser.add_argument("--system", required=True)
     parser.add_argument("--name", required=True)
     chosen = parser.parse_args()
     loglines.begin(sys.stderr, chosen.name)
+    ACTING.process = chosen.name
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)
     return chosen
@@ -53,7 +58,7 @@ def lived(node: NodeMemory, traces: bool = False) -> Iterator[None]:
         why = cause_of(error)
         if not isinstance(error, SystemExit) or error.code:
             running = node.page.state == "RUNNING"
-            node.log.error("ended by an error: %s", error, exc_info=traces or not explains_itself(error))
+            node.log.error("ended by an error: %s", why, exc_info=traces or not explains_itself(error))
             node.page.show("FAILED", why)
             sys.exit(exit_code(error, LOOP_FAILED if running else SETUP_FAILED))
     why = why or node.stop_reason or "its main has returned"

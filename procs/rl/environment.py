@@ -316,6 +316,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
 
     def render(self) -> Any:
         """A picture (height, width, 3) where render_mode is "rgb_array"; PictureError where none can be drawn."""
+        self._check_open()
         if self.render_mode is None:
             return None
         if self._picture is None:

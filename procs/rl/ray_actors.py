@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from trocar.procs.machine.end_signals import ended_by_term
+from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
 from trocar.procs.rl.rollouts import Episode, EpisodeRunner, RolloutTask, check
 
 QUIET: Final = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_DEDUP_LOGS": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
@@ -58,7 +58,7 @@ def running_ray(actors: int, address: str = "") -> Iterator[Any]:
         with _told():
             ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR,
                      runtime_env={"env_vars": ONE_THREAD}, **own)
-        held.enter_context(ended_by_term())  # Ray's own handler aborts without cleanup
+        held.enter_context(ended_as_by_ctrl_c())  # Ray's own handler aborts without cleanup
         yield ray
 
 

@@ -276,7 +276,8 @@ class Supervisor:
             self.events.report(codes.PROCESS_ENDED, text, name, has_remedy=needs_none)
         elif ending.killed:
             self.killed += 1
-            self.events.report(codes.PROCESS_KILLED, f"{name} {ending.text}", name)
+            text = "; ".join(filter(None, (f"{name} {ending.text}", proc(child.row.kind).on_kill)))
+            self.events.report(codes.PROCESS_KILLED, text, name)
         else:
             log.info("%s ended: %s", name, ending.text)
 

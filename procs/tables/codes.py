@@ -90,7 +90,7 @@ AMPLIFIER: Final = Code(
     "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)
 TRACKING: Final = Code(
     "tracking", ERROR, "io", "the joint controller cannot follow its setpoint",
-    "check for a collision or too fast a command; the tolerance is in the PID file", 14, STOP, JOINT)
+    "check for a collision, too fast a command, or an encoder jump; the tolerance is in the PID file", 14, STOP, JOINT)
 NOT_FINITE: Final = Code(
     "not-finite", ERROR, "io", "a setpoint or a requested current was not a finite number",
     "a program sent NaN or infinity; it did not reach the motors", 15, STOP)
@@ -148,7 +148,7 @@ PROCESS_ENDED: Final = Code(
     "process-ended", WARNING, "supervisor", "a process ended by itself", "trocar logs NAME may say why it ended")
 PROCESS_KILLED: Final = Code(
     "process-killed", WARNING, "supervisor", "a process did not stop in time, and was killed",
-    "trocar logs NAME may say why; if it was an io, the boards' watchdogs have switched its amplifiers off")
+    "trocar logs NAME may say why")
 PROCESS_LATE: Final = Code(
     "process-late", WARNING, "supervisor", "a process sent no heartbeat for longer than its late_s",
     "if frequent: the machine is too slow or too busy (trocar doctor, docs/operating.md)")

@@ -67,6 +67,7 @@ class Proc:
     Silence is reported after `late_s`; after `hung_s` the process is killed, and restarted by the restart policy. If
     `pause_ends`, a process that was stalled for `late_s` restarts as if it had been killed.
     `stop_s`: time limit to end on request; `on_exit`: consequences of the end, in the words of `trocar stop`.
+    `on_kill`: further consequences if it is killed.
     `priority`: that of a section of `trocar:`, slightly above that of arms, or below all that move robots; without
     priority the kind is not `realtime`. `reserved`: share of its period guaranteed with priority (SCHED_DEADLINE).
     `start` "on-demand": it runs only while it has clients, unless the system file has another `start`.
@@ -99,6 +100,7 @@ class Proc:
     is_first: bool = False
     declared: bool = False
     in_time: bool = True
+    on_kill: str = ""
 
     @property
     def module(self) -> str:
@@ -127,7 +129,8 @@ PROCS: tuple[Proc, ...] = (
     Proc("io", 1 / 1500, LATE_S, 5.0, "its robots lose power; they have none after a restart",
          ("state", "gains", "instruments"), ("button", "tool_type", "operating_state"),
          lambda system: [ProcessInstance(io.name, io.period_s, ("boards",) if io.port else ()) for io in system.ios],
-         sizes.of_io, "io", reserved=0.6, budget_us=300),
+         sizes.of_io, "io", reserved=0.6, budget_us=300,
+         on_kill="the watchdogs of its boards have switched its amplifiers off"),
     Proc("arm", 1 / 1500, LATE_S, 3.0, "io holds its position; a restart recovers its state",
          ("state", "setpoint"), ("operating_state", "goal_reached"),
          lambda system: [ProcessInstance(arm.name, arm.period_s, (arm.io,)) for arm in system.arms],

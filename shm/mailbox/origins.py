@@ -53,6 +53,8 @@ class Acting:
     origin: Origin | None = None
     system: str = ""
     """Whose operator it is: in other systems the origin counts as nobody's. Empty: of every system."""
+    process: str = ""
+    """Name of the process in its system, if the supervisor has started it."""
 
     def in_system(self, system: str) -> Origin | None:
         """The origin of what it does in a system."""
@@ -73,7 +75,9 @@ def is_direct(origin: int, pid: int) -> bool:
 
 
 def program_name() -> str:
-    """The name under which this process was started: "trocar send", "plan.py", "python"."""
+    """The name of this process in its system, else of what was started: "box", "trocar send", "plan.py", "python"."""
+    if ACTING.process:
+        return ACTING.process
     path = Path(sys.argv[0] if sys.argv else "")
     name = path.parent.name if path.name == "__main__.py" else path.name  # of python -m NAME
     if name == "trocar":

@@ -279,14 +279,14 @@ def test_an_arm_whose_base_nobody_knows_is_not_begun_with() -> None:
 
 @pytest.mark.slow
 def test_what_is_no_action_is_refused_and_a_closed_environment_stays_closed() -> None:
-    env = PsmReach(starts=1)
+    env = PsmReach(starts=1, render_mode="rgb_array")
     env.reset(seed=1)
     for given in (np.zeros((1, 7)), np.zeros(6), "hello", ["a"] * 7, [[1.0], [1.0, 2.0]], None, np.full(7, np.nan)):
         with pytest.raises(ValueError, match="an action is 7 finite numbers, not "):
             env.step(given)  # type: ignore[arg-type]
     env.step(np.zeros(7))
     env.close()
-    for act in (env.reset, lambda: env.step(np.zeros(7))):
+    for act in (env.reset, lambda: env.step(np.zeros(7)), env.render):
         with pytest.raises(gymnasium.error.ClosedEnvironmentError, match="make a new one"):
             act()
 

@@ -62,7 +62,7 @@ def test_who_ends_it_from_outside_leaves_nothing(folder: Path) -> None:
         assert process.stdout is not None and process.stdout.readline().startswith('{"seed"')
         process.terminate()
         process.stdout.read()
-        assert process.wait(60.0) == 143
+        assert process.wait(60.0) == 130
 
 
 def hashes(done: subprocess.CompletedProcess[str]) -> dict[int, str]:

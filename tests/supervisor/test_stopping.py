@@ -16,7 +16,7 @@ import pytest
 from trocar.procs.document.system import Process, SystemConfig
 from trocar.procs.supervisor import memory
 from trocar.procs.supervisor import supervisor as running
-from trocar.procs.supervisor.children import Child
+from trocar.procs.supervisor.children import Child, Ending
 from trocar.procs.supervisor.os_process import OsProcess
 from trocar.procs.supervisor.supervisor import SetupFailed, Supervisor
 from trocar.procs.tables import lifecycle
@@ -196,6 +196,20 @@ def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Superv
     ending = ending or child.look()
     assert ending is not None and ending.killed and ending.asked
     assert child.state == lifecycle.STOPPED and child.reason == "stopped: did not end within 3 s, killed"
+
+
+@pytest.mark.parametrize(("kind", "more"), [
+    ("gui", ""), ("io", "; the watchdogs of its boards have switched its amplifiers off")])
+def test_the_message_about_a_killed_process_has_the_consequences_of_its_kind(
+    world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, kind: str, more: str
+) -> None:
+    monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
+    monkeypatch.setattr(running, "realtime", lambda *_, **__: "other")
+    system = SystemConfig(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 0.01),))
+    with closing(Supervisor(system)) as made:
+        made.children[0].row = Process("one", kind, 0.01)
+        made._ended(made.children[0], Ending("stopped: did not end within 3 s, killed", True, True))
+    assert caplog.messages[-1] == f"one stopped: did not end within 3 s, killed{more}; trocar logs one may say why"
 
 
 def test_a_supervisor_that_cannot_begin_leaves_no_memory(

@@ -235,6 +235,16 @@ def test_a_folder_is_converted_whole_and_keeps_its_folders(tmp_path: Path) -> No
     assert not any(row["written"] for row in rows(site, "--to", to)), "what lies in the new folder is not old"
 
 
+def test_files_that_need_no_change_are_reported_as_such(tmp_path: Path) -> None:
+    site, unchanged = tmp_path / "site", "no file has an old format: none needs a change\n"
+    site.mkdir()
+    written(site, '{"a": 1}', "notes.json")
+    assert run(site).stdout == unchanged
+    assert run(site, "--to", tmp_path / "new").stdout.endswith(f"dropped: 0\n{unchanged}")
+    written(site, config(three()), "sawRobotIO1394-PSM1-11111.xml")
+    assert unchanged not in run(site).stdout
+
+
 def test_files_of_setup_joints_get_todays_names_and_consoles_find_them(tmp_path: Path) -> None:
     today = stock.find("dvrk-site/jhu-daVinci/suj-ECM-1-2-3.json").read_text()
     old = re.sub(r'"(\w+)"\s*:', lambda key: key.group().replace("_", "-").replace("SUJ", "suj"), today)

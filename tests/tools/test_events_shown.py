@@ -42,7 +42,7 @@ def test_echo_of_events_prints_the_history_with_local_time(kinematic: ScriptedRo
         "AT  status  PSM1: HOMED",
         "AT  operating_state  ENABLED (HOMED), homed",
         "AT  error tracking  PSM1 axis 2 (insertion), board 6: cannot follow; "
-        "check for a collision or too fast a command; the tolerance is in the PID file",
+        "check for a collision, too fast a command, or an encoder jump; the tolerance is in the PID file",
     ]
 
 

@@ -60,7 +60,7 @@ def test_power_off_that_takes_too_long_says_so(kinematic: ScriptedRobot) -> None
     result = run("power-off", "--timeout", "0.1", "--json", "--system", kinematic.name)
     thread.join()
     assert result.exit_code == 1
-    assert "not disabled in time; it is ENABLED" in json.loads(result.stdout)["problem"]
+    assert json.loads(result.stdout)["problem"] == "not disabled in time; it is ENABLED", "the state once"
 
 
 @pytest.mark.parametrize(("age_s", "io_age_s", "amp_on", "problem"), [
@@ -130,3 +130,21 @@ def test_ctrl_c_says_that_the_command_continues(kinematic: ScriptedRobot, monkey
     result = run(*words, "--system", kinematic.name)
     assert result.exit_code == 130
     assert "continues" in result.stderr and (f"; {stop} stops" in result.stderr if stop else ";" not in result.stderr)
+
+
+@pytest.mark.parametrize(("state", "word", "effect"), [
+    ("DISABLED", "enable", "arms may still get power, PSM1 will not be homed; trocar power-off stops them"),
+    ("FAULT", "disable", "arms may still lose power, PSM1 will not be homed; trocar power-off stops them"),
+    ("ENABLED", "home", "the command continues: arms may move; trocar power-off stops them"),
+])
+def test_ctrl_c_in_home_says_which_step_continues(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch,
+                                                 state: str, word: str, effect: str) -> None:
+    def pressed(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    kinematic.show_arm(state=state)
+    thread = play_arm(kinematic, {word: (state, False)}, 1)
+    monkeypatch.setattr(bring_up, "pause", pressed)
+    result = run("home", "--system", kinematic.name)
+    thread.join()
+    assert result.stderr.endswith(f"stopped by Ctrl-C, but {effect}\n")

@@ -76,6 +76,23 @@ def echoing(folder: Path) -> str:
                           capture_output=True, check=True).stdout
 
 
+def test_peers_installs_ros_first_and_says_what_only_root_can_install(tmp_path: Path) -> None:
+    environment = bare(tmp_path, 'case "$2" in venv) mkdir -p "$3/bin"; cp "$0" "$3/bin/python";; esac\n'
+                                 'case "$1" in -c) pwd;; *) echo "$0 $*";; esac')
+    shutil.copy(ROOT / "tools" / "peers", tmp_path / "tools")
+    echoing(tmp_path)
+    for name in ("mkdir", "cp"):
+        (tmp_path / "bin" / name).symlink_to(str(shutil.which(name)))
+    for name, text in (("id", "echo 1000"), ("apt-get", "echo E: Could not open lock file >&2; exit 100")):
+        (tmp_path / "bin" / name).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / "bin" / name).chmod(0o755)
+    done = ask(tmp_path, "peers", environment)
+    installed = [line for line in done.stdout.splitlines() if " pip install " in line]
+    assert ["rclpy" in line for line in installed] == [True, False] and "ray" in installed[1], done
+    assert done.returncode == 0 and done.stderr == (
+        "no Octave; only root can install it: apt-get install octave octave-instrument-control\n")
+
+
 def test_an_installed_project_starts_at_once_and_passes_arguments_on(tmp_path: Path) -> None:
     environment = bare(tmp_path, "exit 1")
     wanted = echoing(tmp_path)

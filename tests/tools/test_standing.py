@@ -232,9 +232,9 @@ def test_each_problem_of_a_process_is_a_sentence(problem: str, said: str) -> Non
 
 
 def test_a_process_that_was_restarted_just_now_is_not_well_yet() -> None:
-    again = dataclasses.replace(process("b", kind="user"), restarts=8, restarted_s=3.0, exit_reason="code 4: Refused")
-    first = first_thing([again], [])
-    assert first.startswith("b was restarted") and "8 times" in first and "code 4: Refused" in first
+    why = "code 4: Refused; automatic restart 1 of 5; trocar logs b"
+    again = dataclasses.replace(process("b", kind="user"), restarts=8, restarted_s=3.0, exit_reason=why)
+    assert first_thing([again], []) == f"b was restarted 3.0 s ago: {why}", "there is one count, that of the limit"
     assert first_thing([dataclasses.replace(again, restarted_s=None)], []) == ""
 
 
@@ -288,8 +288,10 @@ def test_the_next_step_leads_to_teleoperation() -> None:
     assert next_step([off, console]) == "trocar home" and next_step([off, homed, console]) == ""
     assert next_step([powered, homed, console]) == "trocar home PSM1"
     assert next_step([homed, console]) == "trocar send console teleop_enable 1" and next_step([homed]) == ""
-    paused = dataclasses.replace(homed, state="PAUSED")
-    assert next_step([paused, console]) == f"trocar send {paused.name} state_command resume"
+    assert next_step([dataclasses.replace(homed, state="PAUSED"), console]) == "trocar send PSM2 state_command resume"
+    on, waits = Standing("console", "console", standing.ON), Standing("A_B", "teleop", "ALIGNING_MTM", reason="waiting")
+    assert next_step([homed, on, waits]) == "A_B: waiting"
+    assert next_step([homed, on, dataclasses.replace(waits, state="ENABLED, following")]) == ""
 
 
 def test_a_filter_whose_host_died_is_no_third_party_program() -> None:

@@ -73,6 +73,17 @@ def chosen_topics(known: Iterable[str], wanted: Sequence[str] | None) -> list[st
     return [name for name in names if not wanted or any(fnmatchcase(name, pattern) for pattern in wanted)]
 
 
+def tables_of(recording: RecordingReader, wanted: Sequence[str] | None, form: str) -> list[str]:
+    """The selected topics with records; Problem if a pattern matches only topics with ROS messages, as views."""
+    for pattern in wanted or ():
+        found = [recording.topics[name] for name in chosen_topics(recording.topics, [pattern])]
+        if all(topic.dtype is None for topic in found):
+            origins = dict.fromkeys(f"{topic.instance}/{topic.ring}" for topic in found if topic.ring)
+            raise Problem(f"{', '.join(topic.name for topic in found)}: {form} is for records, not for ROS messages; "
+                          f"choose {' or '.join((*origins, '--format rosbag2'))}")
+    return chosen_topics(recording.record_topics, wanted)
+
+
 def start_ns(recording: RecordingReader) -> int:
     """Its start in the system's time (`run_begin_ns`); 0: it has no record."""
     rates = {name: recording.topics[name].rate_hz for name in recording.record_topics}
@@ -104,12 +115,16 @@ def _of_the_run(rates: Mapping[str, float]) -> list[str]:
 
 
 def spans(recording: RecordingReader, topics: Sequence[str], part: Stretch = Stretch()) -> dict[str, tuple[int, int]]:
-    """The first and the last stamp of each topic in a stretch; those without a record there are left out."""
+    """The first and the last stamp of each topic in a stretch; those without a record or message there are left out."""
     found: dict[str, tuple[int, int]] = {}
-    for name, piece in recording.pieces(topics, stamps=part.stamps):
+    with_records = set(recording.record_topics)
+    for name, piece in recording.pieces([name for name in topics if name in with_records], stamps=part.stamps):
         stamps = piece.rows["stamp_ns"]
         first, last = found.get(name, (END_NS, -END_NS))
         found[name] = min(first, int(stamps.min())), max(last, int(stamps.max()))
+    for name in (name for name in topics if name not in with_records):
+        if sent := [stamp for _, stamp, _ in recording.messages(name) if part.begin_ns <= stamp < part.end_ns]:
+            found[name] = min(sent), max(sent)
     return found
 
 

@@ -13,6 +13,7 @@ from trocar.procs.tables.bring_up import (
     DISABLE,
     DISABLED,
     ENABLE,
+    HOME,
     LIMITS_S,
     WORDS,
     next_word,
@@ -28,6 +29,7 @@ from trocar.tools.output.printing import Say
 from trocar.tools.systems.find import is_simulated, orphaned
 
 POLL_S = 0.02
+CONTINUES = {HOME: "arms may move", ENABLE: "arms may still get power", DISABLE: "arms may still lose power"}
 PATIENCE_NS = 1_000_000_000  # a shorter wait is not reported
 Report = Callable[[str], None]
 
@@ -74,8 +76,9 @@ class ArmBringUp:
             if word and word not in self.asked:
                 self._ask(word)
             else:
-                waits = self.waits
-                self._check_time(f"it waits: {waits}" if waits else f"it is {state} ({self.watch.text('sub_state')})")
+                waits, inner = self.waits, self.watch.text("sub_state")
+                shown = state if inner in ("", state) else f"{state} ({inner})"
+                self._check_time(f"it waits: {waits}" if waits else f"it is {shown}")
 
     def _next_word(self, state: str, busy: bool) -> str:
         word = next_word(WORDS[self.goal], state)
@@ -146,15 +149,28 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
         ]
         for bring_up in bring_ups:
             bring_up.remote.on_behalf(whole)
-        while not all(bring_up.over for bring_up in bring_ups):
-            for bring_up in bring_ups:
-                if not bring_up.over:
-                    bring_up.step()
-            for news in filter(None, [bring_up.news(monotonic_ns()) for bring_up in bring_ups]):
-                report(news)
-            say(", ".join(bring_up.line() for bring_up in bring_ups), sum(c.over for c in bring_ups) / len(bring_ups))
-            pause(POLL_S)
+        try:
+            while not all(bring_up.over for bring_up in bring_ups):
+                for bring_up in bring_ups:
+                    if not bring_up.over:
+                        bring_up.step()
+                for news in filter(None, [bring_up.news(monotonic_ns()) for bring_up in bring_ups]):
+                    report(news)
+                done = sum(bring_up.over for bring_up in bring_ups) / len(bring_ups)
+                say(", ".join(bring_up.line() for bring_up in bring_ups), done)
+                pause(POLL_S)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(_left(bring_ups)) from None
         return {bring_up.watch.name: bring_up.problem for bring_up in bring_ups}
+
+
+def _left(bring_ups: Sequence[ArmBringUp]) -> str:
+    """The effect of ending the wait before every arm has received its last command; empty: every arm has it."""
+    under_way = [bring_up for bring_up in bring_ups if not bring_up.over]
+    last = {bring_up.asked[-1] for bring_up in under_way if bring_up.asked}
+    missed = [bring_up.watch.name for bring_up in under_way if WORDS[bring_up.goal] not in bring_up.asked]
+    effects = [text for word, text in CONTINUES.items() if word in last]
+    return ", ".join((*effects, *missed)) + f" will not be {under_way[0].goal}" if missed else ""
 
 
 def bring_all(system: str, names: Sequence[str], goal: str, timeout: float = 0.0, say: Say = silent) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A violation: place (robot, axis, board), observation, allowed values, remedy."""
+    """A violation: place (robot, axis, board), observation, allowed values (empty: the system's own error), remedy."""
 
     where: str
     seen: str
@@ -16,7 +16,8 @@ class Finding:
     remedy: str
 
     def __str__(self) -> str:
-        return f"{self.where}: {self.seen}; allowed: {self.allowed}; {self.remedy}"
+        allowed = f"; allowed: {self.allowed}" if self.allowed else ""
+        return f"{self.where}: {self.seen}{allowed}; {self.remedy}"
 
 
 @dataclass(slots=True)

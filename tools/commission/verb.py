@@ -217,8 +217,7 @@ def _tried_once(row: CommissionStage, job: Job, bench: RunningBench | None, fold
     except (Declined, Misuse):
         raise
     except (Problem, TimeoutError) as problem:
-        return Outcome([Finding(f"stage {row.name}", str(problem), "no such error",
-                                "docs/errors.md has causes and remedies")])
+        return Outcome([Finding(f"stage {row.name}", str(problem), "", "docs/errors.md has causes and remedies")])
 
 
 @contextlib.contextmanager

@@ -33,7 +33,7 @@ from trocar.tools.inspect.processes import (
 from trocar.tools.output.printing import plain, span
 from trocar.tools.systems.processes import SUPERVISOR, commissioning
 
-FAULT, ON, OFF = "FAULT", "teleoperation on", "teleoperation off"
+FAULT, ON, OFF, FOLLOWING = "FAULT", "teleoperation on", "teleoperation off", ", following"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "stamp_ns", "monotonic_ns",
               "local_ns")
 CAUSED_NS, SEEN_LATER_NS = 3_000_000_000, 500_000_000
@@ -155,7 +155,7 @@ def _third_party(system: str, process: ProcessStatus, reader: RingReader) -> Sta
 
 def _teleop(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     follows = _flag(reader, "following")
-    state = _text(reader, "state") + (", following" if follows else "")
+    state = _text(reader, "state") + (FOLLOWING if follows else "")
     reason = in_full(system, process.name, _text(reader, "reason"))
     fault = _last_error(_events(system, process))
     if reason and fault and str(fault["text"]).endswith(reason):
@@ -226,8 +226,7 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
         return _with_help(unwell[0])
     again = next((process for process in processes if process.restarted_s is not None or process.begins_again), None)
     if again is not None:
-        times = f", {again.restarts} times in total" if again.restarts > 1 else ""
-        since = "is not up yet" if again.begins else f"was restarted {span(again.restarted_s or 0.0)} ago{times}"
+        since = "is not up yet" if again.begins else f"was restarted {span(again.restarted_s or 0.0)} ago"
         return f"{again.name} {since}: {again.exit_reason}{_logs(again, again.exit_reason)}"
     waiting = next((one for one in found if one.person), None)
     if waiting is not None:
@@ -311,8 +310,13 @@ def next_step(found: Sequence[Standing]) -> str:
     powered = [one.name for one in arms if one.state == "ENABLED" and one.homed is False]
     if powered:
         return f"trocar home {' '.join(powered)}"
+    if not all(one.homed for one in arms):
+        return ""
     console = next((one for one in found if one.kind == "console" and one.state.startswith(OFF)), None)
-    return _enable(console.name) if console is not None and all(one.homed for one in arms) else ""
+    if console is not None:
+        return _enable(console.name)
+    return next((f"{one.name}: {one.reason}" for one in found
+                 if one.kind == "teleop" and one.reason and not one.state.endswith(FOLLOWING)), "")
 
 
 def cells(one: Standing) -> tuple[str, ...]:

@@ -60,6 +60,6 @@ def only_waiting(stops: str) -> Iterator[None]:
     """Ctrl-C ends only the wait for a command, and the line that reports it says so; `stops`: what stops it, or ""."""
     try:
         yield
-    except KeyboardInterrupt:
-        how = f": arms may move; {stops} stops them" if stops else ""
-        raise KeyboardInterrupt(f", but the command continues{how}") from None
+    except KeyboardInterrupt as pressed:
+        may, how = (": arms may move", f"; {stops} stops them") if stops else ("", "")
+        raise KeyboardInterrupt(f", but {str(pressed) or f'the command continues{may}'}{how}") from None

@@ -19,6 +19,7 @@ from trocar.tools.analysis.choosing import (
     opened,
     spans,
     stretch,
+    tables_of,
 )
 from trocar.tools.analysis.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables, arrow
 from trocar.tools.output.errors import Misuse, Problem
@@ -50,14 +51,14 @@ def export(
     if to == STDOUT and form != CSV:
         raise Misuse(f"-o -: only csv goes to the output, not {form}")
     with opened(file) as recording, progress(f"export {file.name}") as say:
-        every = list(recording.topics) if form == ROSBAG2 else recording.record_topics
-        wanted, part = chosen_topics(every, topics), stretch(recording, begin, end)
+        wanted = chosen_topics(recording.topics, topics) if form == ROSBAG2 else tables_of(recording, topics, form)
+        part = stretch(recording, begin, end)
         if part != Stretch() and not spans(recording, wanted, part):
             raise no_records(recording, wanted)
         table = RecordingTables(recording, wanted, part, all_of_them=bool(topics))
         if to == STDOUT:
             if len(wanted) != 1:
-                raise Misuse(f"-o -: one topic of {', '.join(every)}; choose it with --topics")
+                raise Misuse(f"-o -: one topic of {', '.join(recording.record_topics)}; choose it with --topics")
             table.to_stdout(say)
             return _told(recording.problems)
         if form == PARQUET:

@@ -15,7 +15,7 @@ import typer
 
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, number, progress, table, tell
-from trocar.tools.verbs.options import JsonOption
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 if TYPE_CHECKING:
     from trocar.procs.rl.rollouts import Episode, RolloutTask
@@ -37,20 +37,25 @@ def rollout(
     save: Annotated[Path | None, typer.Option(
         "--save", metavar="FOLDER", help="New folder for observations and actions: a numpy file per episode.")] = None,
     as_json: JsonOption = False,
+    system: SystemOption = None,
 ) -> int:
     """Run episodes and print the results. The same seed gives the same hash on every machine.
 
     Each actor has an environment of its own and runs whole episodes. A cluster needs `ray start` on each machine, and
     Trocar with the policy's file at the same place. With `--option backend=attached` it moves the arms of a running
-    system, which a person has homed, and hashes differ: docs/simulation.md.
+    system (`--system`), which a person has homed, and hashes differ: docs/simulation.md.
 
     Example: trocar rl rollout trocar/PsmReach-v0 --episodes 5
     """
     task, seeds = _task(environment, policy, options or (), save is not None), range(seed, seed + episodes)
     if address and not actors:
         raise Misuse("--address: also say how many --actors")
-    if actors and task.options.get("backend") == "attached":
-        raise Misuse("--actors: a running system has one robot; leave them out with backend=attached")
+    if task.options.get("backend") == "attached":
+        if actors:
+            raise Misuse("--actors: a running system has one robot; leave them out with backend=attached")
+        from trocar.procs.rl.attached import RunningSystem
+
+        task = dataclasses.replace(task, options={**task.options, "backend": RunningSystem(system or "")})
     if save is not None:
         with _written(save):
             try:
@@ -59,12 +64,13 @@ def rollout(
                 raise Misuse(f"{save} is there already; --save names a new folder") from None
     from time import perf_counter
 
-    from trocar.procs.machine.end_signals import ended_by_term
+    from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
 
     begin, done, output = perf_counter(), [], sys.stdout
     try:
         # an arm that is attached holds in the end; Ray prints, too
-        with ended_by_term(), _problems(), contextlib.redirect_stdout(sys.stderr), progress(task.environment) as say:
+        with (ended_as_by_ctrl_c(), _problems(), contextlib.redirect_stdout(sys.stderr),
+              progress(task.environment) as say):
             for episode in _run(task, seeds, actors, address):
                 done.append(episode)
                 say(f"{len(done)} of {episodes} episodes", len(done) / episodes)

@@ -18,8 +18,15 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
-from tests.recordings.made import STATE, STEP_NS, WIDE, a_recording, rows_of, written
+from tests.recordings.made import BEGIN_NS, FACTS, STATE, STEP_NS, WIDE, a_recording, rows_of, written
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import ZSTD, Chunk, packed
+from trocar.procs.recordings.layout import ENCAPSULATION
 from trocar.procs.recordings.reading import RecordedTopic, open_recording
+from trocar.procs.recordings.writing import ChannelTable, RecordingFile
+from trocar.procs.ros_messages.definitions import definition
+from trocar.procs.ros_messages.hashes import ros_name
+from trocar.procs.ros_messages.messages import JointStates, MessageHeader, Time
 from trocar.shm.memory.header import readable
 from trocar.tools import cli
 from trocar.tools.analysis import exporting
@@ -168,6 +175,39 @@ def test_a_bag_is_opened_by_rosbags(tmp_path: Path, part: tuple[str, ...]) -> No
         assert all(np.array_equal(kept[name], expected[name], equal_nan=kept[name].dtype.kind == "f")
                    for name in kept.dtype.names or ())
         assert recording.document == b"{}" and recording.metadata["trocar"]["system"] == "demo"
+
+
+def with_a_view(folder: Path) -> Path:
+    """Five records of PSM1/state and of its view measured_js, 10 ms apart."""
+    path, table = folder / "view.mcap", ChannelTable()
+    state, layout = table.ring("PSM1", "state", "arm", STATE, 1)
+    view = table.channel("PSM1/measured_js", ros_name(JointStates), definition(JointStates),
+                         {names.INSTANCE: "PSM1", names.RING: "state"})
+    message = bytes(JointStates(MessageHeader(Time(7, 8), "base"), ["a"], [1.0], [], []).serialize())
+    with path.open("wb", buffering=0) as stream:
+        file, chunk = RecordingFile(stream, table, FACTS), Chunk()
+        for number, row in enumerate(rows_of(STATE, 5)):
+            stamp = number * 10 * STEP_NS
+            row["stamp_ns"] = stamp
+            chunk.add(state, number + 1, BEGIN_NS + stamp, stamp, ENCAPSULATION, row.tobytes()[: layout.size])
+            chunk.add(view, number + 1, BEGIN_NS + stamp, stamp, message)
+        file.put(packed(chunk, ZSTD))
+        file.finish()
+    return path
+
+
+def test_a_view_as_a_table_is_refused_with_the_record_that_has_its_numbers(tmp_path: Path) -> None:
+    said = run(with_a_view(tmp_path), "-o", "-", "--topics", "PSM1/measured_js")
+    assert said.returncode == 1 and not said.stdout and said.stderr == (
+        "trocar: PSM1/measured_js: csv is for records, not for ROS messages; choose PSM1/state or --format rosbag2\n")
+
+
+@pytest.mark.parametrize("topics", [(), ("--topics", "PSM1/measured_js")])
+def test_a_part_of_a_bag_has_its_views(tmp_path: Path, topics: tuple[str, ...]) -> None:
+    said = run(with_a_view(tmp_path), "-o", tmp_path / "bag", "--format", "rosbag2", "--from", "0.015", *topics)
+    assert said.returncode == 0, said.stderr
+    with open_recording(tmp_path / "bag" / "bag.mcap") as recording:
+        assert len(list(recording.messages("PSM1/measured_js"))) == 3
 
 
 def test_a_damaged_recording_gives_what_can_be_read(tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def test_what_the_system_says_is_a_finding_like_any_other(kinematic) -> None:
     kinematic["home"] = Problem("PSM1: not homed in time")
     stopped = _run()
     assert stopped.exit_code == 1
-    assert "STOP stage home: PSM1: not homed in time" in stopped.output
+    assert "STOP stage home: PSM1: not homed in time; docs/errors.md has causes and remedies\n" in stopped.output
     assert "trocar logs --system commission " in stopped.output
     assert ran[-1] == "home"
 
