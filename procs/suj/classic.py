@@ -15,6 +15,7 @@ from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.fault_report import reported
 from trocar.procs.node.inputs import Fields
+from trocar.procs.suj.buttons import CLUTCH_COMMAND_NS, SetupButtons
 from trocar.procs.suj.interface_board import InterfaceBoard
 from trocar.procs.suj.machine import SetupPower, SetupState
 from trocar.procs.suj.multiplexer import INCREMENT, PLUGS, Multiplexer
@@ -31,7 +32,6 @@ JOINTS: Final = 6
 LIFT_COMMAND_NS: Final = 1_000_000_000
 LIFT_REPEAT_NS: Final = 10_000_000  # io stops the lift 30 ms after the last command
 RAMP_A_S: Final = 8.0
-CLUTCH_COMMAND_NS: Final = 60_000_000_000
 
 
 class SetupArmBrakes:
@@ -81,12 +81,11 @@ class Classic(SetupPower):
         self._plugs = np.array([arm.plug - 1 for arm in cart.arms], dtype=np.intp)
         self._lifts = np.array([arm.lifts for arm in cart.arms], dtype=bool)
         self._rest = [-1] * n  # whole rounds at rest, from -1: one has begun before
-        self._until_ns = [0] * n  # end of a clutch by command
-        self._lift_until_ns, self._lift_asked = 0, 0.0
+        self._buttons = SetupButtons(cart.arms, reports, 1)  # of the arms, and of the lift
+        self._lift_asked = 0.0
         self._lift_sent: float | None = None
         self._lift_sent_ns = 0
-        self._counts = np.zeros(n + 1, dtype=bool)  # buttons of the arms, and of the lift: seen released since enabled
-        self._was_enabled = self._is_held_back = False
+        self._is_held_back = False
         self._round_ns = self._asked_ns = self._before_ns = 0
         self._rounds = 0
         self._is_away = True
@@ -154,11 +153,12 @@ class Classic(SetupPower):
 
     def clutch(self, place: int, on: bool, now_ns: int) -> None:
         """Release the brakes of an arm for a minute, or engage them."""
-        self._until_ns[place] = now_ns + CLUTCH_COMMAND_NS if on else 0
+        self._buttons.command(place, now_ns + CLUTCH_COMMAND_NS if on else 0)
 
     def lift(self, velocity: float, now_ns: int) -> None:
         """Move the lift for a second."""
-        self._lift_asked, self._lift_until_ns = velocity, now_ns + LIFT_COMMAND_NS
+        self._buttons.command(len(self._arms), now_ns + LIFT_COMMAND_NS if velocity else 0)
+        self._lift_asked = velocity
 
     # -- a cycle -------------------------------------------------------------------------------------------------------
 
@@ -168,11 +168,10 @@ class Classic(SetupPower):
         if not self._board.look(self._sample):
             self._multiplexer.skip()
         enabled = state is SetupState.ENABLED
-        self._look_at_buttons(enabled)
-        velocity = self._velocity(now_ns) if enabled else 0.0
-        self._clutch(now_ns)
+        self._look_at_buttons(enabled, now_ns)
+        velocity = self._velocity() if enabled else 0.0
         if enabled:
-            self._brakes.step(dt_s, self._clutched & (self._counts[:-1] | (np.array(self._until_ns) > 0)))
+            self._brakes.step(dt_s, self._buttons.acts[:-1])
         else:
             self._brakes.cut()
         self._move_lift(velocity, now_ns)
@@ -196,40 +195,21 @@ class Classic(SetupPower):
         elif asked:
             self._board.ask("multiplexer", 0.0)
 
-    def _clutch(self, now_ns: int) -> None:
-        pressed = self._board.pressed[self._plugs]
-        for place, until_ns in enumerate(self._until_ns):
-            if until_ns and now_ns > until_ns:
-                self._until_ns[place] = 0
-                name = self._arms[place].name
-                self._reports.report(codes.CLUTCH_RELEASED,
-                                     f"{name}: clutched by command for a minute; its brakes hold again", name)
-            if pressed[place]:
-                self._until_ns[place] = 0  # releasing the button also ends a clutch by command
-            clutched = bool(pressed[place]) or self._until_ns[place] > 0
-            if clutched != self._clutched[place]:
-                name = self._arms[place].name
-                self._reports.status(f"{name}: {'clutched' if clutched else 'not clutched'}", name)
-            self._clutched[place] = clutched
-
-    def _look_at_buttons(self, enabled: bool) -> None:
-        """A button that is stuck, or pressed at power-on or start, has no effect until it was seen released."""
+    def _look_at_buttons(self, enabled: bool, now_ns: int) -> None:
         pressed = np.append(self._board.pressed[self._plugs], self._board.up or self._board.down)
-        self._counts = (self._counts | ~pressed) & enabled
-        if enabled and not self._was_enabled:
-            for place in np.flatnonzero(pressed).tolist():
-                button = f"{self._arms[place].name}: its clutch" if place < len(self._arms) else "a button of the lift"
-                text = f"{button} is already pressed; it has no effect until it is released"
-                self._reports.report(codes.CLUTCH_STUCK, text, self._name)
-        self._was_enabled = enabled
+        self._buttons.step(pressed, np.full(len(pressed), enabled), now_ns)
+        for place in np.flatnonzero(self._buttons.stuck).tolist():
+            button = f"{self._arms[place].name}: its clutch" if place < len(self._arms) else "a button of the lift"
+            text = f"{button} is already pressed; it has no effect until it is released"
+            self._reports.report(codes.CLUTCH_STUCK, text, self._name)
+        self._setups.clutch(self._buttons.held[:-1], self._reports)
 
-    def _velocity(self, now_ns: int) -> float:
+    def _velocity(self) -> float:
         buttons = float(self._board.up) - float(self._board.down)
         if not (self._board.up or self._board.down):
             self._is_held_back = False
-            return self._lift_asked if now_ns < self._lift_until_ns else 0.0
-        self._lift_until_ns = 0
-        if not self._counts[-1]:
+            return self._lift_asked if self._buttons.acts[-1] else 0.0
+        if not self._buttons.acts[-1]:
             return 0.0
         if not self._board.is_authorized and not self._is_held_back:
             self._is_held_back = True

@@ -272,7 +272,7 @@ CPU_OVERLOAD: Final = Code(
 SUJ_FAULT: Final = Code(
     "suj-fault", ERROR, "suj", "the setup joints have lost power or their io; brakes hold", "remove the cause")
 CLUTCH_RELEASED: Final = Code(
-    "clutch-released", WARNING, "suj", "a clutch pressed by command was released after a minute",
+    "clutch-released", WARNING, "suj", "a clutch by command has ended: after a minute, or without power",
     "clutch again if you still need it")
 CLUTCH_STUCK: Final = Code(
     "clutch-stuck", WARNING, "io, suj", "a button of the setup joints was already pressed when they got power or "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +18,8 @@ from tests.suj.test_traces import CartPlay
 from trocar.procs.document.cart import CLASSIC, SI
 from trocar.procs.kinematics.poses import matrix_from_pose
 from trocar.procs.node.fault_report import reported
-from trocar.procs.suj.classic import CLUTCH_COMMAND_NS, LIFT_COMMAND_NS, MAX_ROUND_NS, OLD_FAULT_NS, POWER_NS
+from trocar.procs.suj.buttons import CLUTCH_COMMAND_NS
+from trocar.procs.suj.classic import LIFT_COMMAND_NS, MAX_ROUND_NS, OLD_FAULT_NS, POWER_NS
 from trocar.procs.suj.machine import SetupState
 from trocar.procs.suj.multiplexer import INCREMENT, RESET, Multiplexer
 from trocar.procs.suj.setups import Setups, moved_limits
@@ -96,7 +98,7 @@ def test_a_clutch_by_command_holds_again_after_a_minute(enabled: QuietCart) -> N
     begun = enabled.now_ns
     enabled.step()
     assert enabled.state_of("clutched").tolist() == [False, True, False, False]
-    enabled.now_ns = begun + CLUTCH_COMMAND_NS - 2 * MS
+    enabled.now_ns = begun + CLUTCH_COMMAND_NS - 4 * MS
     enabled.step()
     assert enabled.state_of("clutched")[1] and not enabled.said("clutch-released")
     enabled.step()
@@ -113,6 +115,44 @@ def test_a_button_ends_what_a_command_began(enabled: QuietCart) -> None:
     enabled.io.pressed.clear()
     enabled.step()
     assert not enabled.state_of("clutched")[1] and not enabled.said("clutch-released")
+
+
+LOSSES: dict[str, Callable[[QuietCart], object]] = {
+    "a fault": lambda cart: cart.io.trip(9), "an emergency stop": lambda cart: setattr(cart.io, "has_supply", False),
+    "a restart of io": lambda cart: cart.io.restart(), "power-off": lambda cart: cart.ask("state_command", "disable")}
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_a_loss_of_power_ends_what_was_commanded_before_it(enabled: QuietCart, loss: str) -> None:
+    enabled.ask("clutch", "PSM1", 1.0)
+    enabled.ask("set_lift_velocity", "", 1.0)
+    enabled.run(100)
+    assert enabled.state_of("clutched")[1] and enabled.state_of("brake_current")[1] and enabled.state_of("lift") == 1.0
+    LOSSES[loss](enabled)
+    reported = []
+    for _ in range(3):
+        enabled.step()
+        reported += enabled.said("clutch-released")
+    assert not enabled.state_of("clutched").any() and enabled.state_of("lift") == 0.0
+    assert len(reported) == 1 and "PSM1: clutched by command until power went off; its brakes hold" in reported[0]
+    enabled.io.has_supply = True
+    enabled.ask("state_command", "home")
+    enabled.run(300)
+    assert enabled.now_in is SetupState.ENABLED
+    engaged = [arm.engaged_current * np.sign(arm.release_current) for arm in enabled.cart.arms]
+    assert enabled.state_of("brake_current") == pytest.approx(engaged) and enabled.state_of("lift") == 0.0
+
+
+def test_what_is_commanded_before_there_is_power_is_refused_and_does_not_wait_for_it() -> None:
+    cart = QuietCart(CLASSIC)
+    cart.run(10)
+    cart.ask("state_command", "home")
+    assert cart.now_in is SetupState.POWERING
+    for name, text in (("clutch", "PSM1"), ("set_lift_velocity", "")):
+        assert cart.ask(name, text, 1.0).outcomes == ["refused"]
+    cart.run(300)
+    assert cart.now_in is SetupState.ENABLED
+    assert not cart.state_of("clutched").any() and cart.state_of("lift") == 0.0
 
 
 def test_power_that_does_not_come_is_a_fault_after_four_seconds() -> None:
