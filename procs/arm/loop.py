@@ -13,15 +13,13 @@ from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.context import ArmContext, ToolReading
 from trocar.procs.arm.effort_limits import motor_efforts
 from trocar.procs.arm.setup_base import SetupBase, place_of
-from trocar.procs.arm.supervision import power_lost
-from trocar.procs.document.system import Actuator, ArmConfig, Brake, IoConfig
+from trocar.procs.document.system import ArmConfig, IoConfig
 from trocar.procs.native.library import native
 from trocar.procs.node import runtime
-from trocar.procs.node.fault_report import FaultReport, axis_titles, boards_of, place, reported, sentence
 from trocar.procs.node.inputs import SETUP_LATE_S
+from trocar.procs.node.io_faults import fault_reports, power_reports
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
-from trocar.procs.tables.codes import AMPLIFIER
 from trocar.procs.tables.manifest import proc
 from trocar.procs.user.classes import class_named
 from trocar.shm.ring.ring import RingReader
@@ -32,7 +30,6 @@ PERIODS_AT_REST = 2
 PERIODS_OVERLOADED = {False: 2, True: 3}
 """Periods of an overloaded machine: in motion, at rest."""
 WARN_EVERY_NS = 60_000_000_000
-RECENT_NS = 200_000_000
 
 
 class LastGood:
@@ -79,46 +76,6 @@ def readings(ring: RingReader, io: IoConfig, reader: str) -> Callable[[], ToolRe
         return last
 
     return newest
-
-
-def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int], FaultReport]:
-    """io's newest report of a fault of `robot`, else the text of the fault table. `io` reads the record.
-
-    io reports its events before it publishes the record that shows the fault.
-    """
-
-    def report(number: int) -> FaultReport:
-        known = reported(number)
-        for row in events.since(io.stamp_ns - RECENT_NS)[::-1]:
-            if known.code and row["code"] == known.code.code.encode() and row["component"] == robot.encode():
-                return FaultReport(known.code, row["text"].decode(errors="replace"), int(row["axis"]),
-                                   int(row["board"]), float(row["value"]), float(row["limit"]))
-        return known
-
-    return report
-
-
-def power_reports(io: LastGood, document: IoConfig, number: int) -> Callable[[], FaultReport]:
-    """The report for a loss of power, from the amplifiers in io's record: a single one that is off is named."""
-    robot, titles = document.robots[number], axis_titles(document)[number]
-    brakes = sum(len(each.actuators) for each in document.robots)
-    brakes += sum(len(each.brakes) for each in document.robots[:number])
-    first = sum(len(each.actuators) for each in document.robots[:number])
-    places = [*range(first, first + len(robot.actuators)), *range(brakes, brakes + len(robot.brakes))]
-    drives: list[Actuator | Brake] = [*robot.actuators, *robot.brakes]
-    enabled, on = io.field("amp_enabled"), io.field("amp_on")
-
-    def report() -> FaultReport:
-        wanted = [axis for axis, at in enumerate(places) if enabled[at]]
-        off = [axis for axis in wanted if not on[places[axis]]]
-        if not off or len(off) == len(wanted):  # the common supply
-            return power_lost()
-        boards = boards_of(drives[off[0]])
-        also = f"also axis {', '.join(map(str, off[1:]))}" if off[1:] else ""
-        text = sentence(place(robot.name, titles[off[0]], boards), AMPLIFIER.cause, also)
-        return FaultReport(AMPLIFIER, text, off[0], boards[0] if boards else -1)
-
-    return report
 
 
 def place_in(io: IoConfig, arm: ArmConfig) -> tuple[int, int]:
@@ -181,8 +138,8 @@ class ArmLoop(runtime.Loop):
         self.arm = logic_of(arm)(arm, ArmContext(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), node.commands(arm.io), self._state.field, self._setpoint.field,
-            node.events, fault_reports(self._io, node.reads(arm.io, "events"), arm.robot),
-            power_report=power_reports(self._io, io, number), gripper=gripper_in(io, arm),
+            node.events, fault_reports(lambda: self._io.stamp_ns, node.reads(arm.io, "events"), arm.robot),
+            power_report=power_reports(self._io.field, io, number), gripper=gripper_in(io, arm),
             setup_base=setup_base(node, arm), motors=motor_efforts(io.robots[number]),
             reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
         self.written = self._io.field("write_ns")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.kinematics.poses import Array
-from trocar.procs.node.fault_report import reported
+from trocar.procs.node.fault_report import NO_FAULT, FaultReport
 from trocar.procs.node.inputs import Fields
 from trocar.procs.suj.buttons import CLUTCH_COMMAND_NS, SetupButtons
 from trocar.procs.suj.interface_board import InterfaceBoard
@@ -120,7 +120,7 @@ class Classic(SetupPower):
     @property
     def has_io(self) -> bool:
         """Whether io has published a record since this process started."""
-        return self._board.stamp_ns > 0
+        return self._board.record_ns > 0
 
     @property
     def is_powered(self) -> bool:
@@ -134,20 +134,22 @@ class Classic(SetupPower):
             board.ask("pid_enable", 1.0)  # from now on io takes the currents of the brakes from our setpoints
         return board.powered and board.amps_on and board.pid_enabled
 
-    def problem(self, now_ns: int, *, powering: bool) -> str:
-        """The present problem, "": none."""
+    def problem(self, now_ns: int, *, powering: bool) -> FaultReport:
+        """The present problem."""
         board = self._board
-        if not board.is_fresh(now_ns):
-            return "io does not answer"
+        if not board.io_answers(now_ns):
+            return FaultReport(codes.IO_TIMEOUT, "io does not answer")
         if board.epoch != self._driving_epoch:
-            return "io was restarted"
+            return FaultReport(codes.IO_RESTARTED, "io was restarted")
         if board.has_fault and (not powering or now_ns - self._asked_ns > OLD_FAULT_NS):
-            return reported(board.fault).words(self._name)
+            return board.fault_report(board.fault)
         if powering:
-            return "failed to enable power" if now_ns - self._asked_ns > POWER_NS else ""
+            is_late = now_ns - self._asked_ns > POWER_NS
+            return FaultReport(codes.POWER_TIMEOUT, "failed to enable power") if is_late else NO_FAULT
         if not board.powered or not board.amps_on:
-            return "detected power loss"
-        return "" if board.pid_enabled else "the current of the brakes was switched off"
+            return board.power_report()
+        return NO_FAULT if board.pid_enabled else FaultReport(
+            codes.PID_OFF, "the current of the brakes was switched off")
 
     # -- commands ------------------------------------------------------------------------------------------------------
 
@@ -167,7 +169,7 @@ class Classic(SetupPower):
         dt_s, self._before_ns = min(now_ns - (self._before_ns or now_ns), 20_000_000) * 1e-9, now_ns
         if not self._board.look(self._sample):
             self._multiplexer.skip()
-        enabled = state is SetupState.ENABLED
+        enabled = state is SetupState.ENABLED and self._board.is_fresh(now_ns)
         self._look_at_buttons(enabled, now_ns)
         velocity = self._velocity() if enabled else 0.0
         if enabled:
@@ -180,7 +182,7 @@ class Classic(SetupPower):
             self._rest[place] = -1
             self._setups.lose(place, moved=True)
         self._follow_rounds(now_ns)
-        self._publish(enabled)
+        self._publish(state is SetupState.ENABLED)
 
     def _sample(self, stamp_ns: int, channel: int, volts: Array) -> None:
         if self._is_away:

@@ -12,6 +12,7 @@ from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.cart import CLASSIC, SI, Cart, CartArm
 from trocar.procs.node import runtime
 from trocar.procs.node.inputs import SETUP_LATE_S
+from trocar.procs.node.io_faults import fault_reports, power_reports
 from trocar.procs.suj.bluetooth import BluetoothBoards
 from trocar.procs.suj.buttons import Flags
 from trocar.procs.suj.classic import Classic
@@ -96,8 +97,11 @@ class SetupLoop(runtime.Loop):
         field, setups = self._state.field, Setups(cart, self._state.field)
         source: Classic | Si | None = None
         if cart.kind == CLASSIC and cart.io:
-            board = InterfaceBoard(node.document.io(cart.io), cart.robot, node.reads(cart.io, "state"),
-                                   self._mailbox_of(cart.io))
+            io, records = node.document.io(cart.io), node.reads(cart.io, "state")
+            robot = [row.name for row in io.robots].index(cart.robot)
+            board = InterfaceBoard(io, cart.robot, records, self._mailbox_of(cart.io),
+                                   fault_reports(lambda: records.stamp_ns, node.reads(cart.io, "events"), cart.robot),
+                                   power_reports(records.field, io, robot))
             self._written = board.write_ns
             node.follows(cart.io)
             source = Classic(cart, setups, board, node.events, field, self._setpoint.field)
