@@ -18,6 +18,7 @@ from trocar.procs.tables import codes
 from trocar.shm.system.events import Events
 
 CLUTCH_COMMAND_NS: Final = 60_000_000_000
+POWER_OFF: Final = "clutched by command until power went off; its brakes hold"
 
 Flags = NDArray[np.bool_]
 
@@ -53,7 +54,7 @@ class SetupButtons:
             if pressed[place]:
                 self._until_ns[place] = 0  # releasing the button also ends the command
             elif not powered[place]:
-                self._end(place, "clutched by command until power went off; its brakes hold")
+                self._end(place, POWER_OFF)
             elif now_ns >= self._until_ns[place]:
                 self._end(place, "clutched by command for a minute; its brakes hold again")
         self.stuck = pressed & powered & ~self._powered
@@ -62,6 +63,12 @@ class SetupButtons:
         self.by_command = self._until_ns > 0
         self.held = pressed | self.by_command
         self.acts = self.held & (self._counts | self.by_command)
+
+    def cut(self) -> None:
+        """Power is off, if only between two steps."""
+        for place in np.flatnonzero(self._until_ns).tolist():
+            self._end(place, POWER_OFF)
+        self._counts.fill(False)
 
     def _end(self, place: int, why: str) -> None:
         self._until_ns[place] = 0

@@ -81,7 +81,7 @@ class Classic(SetupPower):
         self._plugs = np.array([arm.plug - 1 for arm in cart.arms], dtype=np.intp)
         self._lifts = np.array([arm.lifts for arm in cart.arms], dtype=bool)
         self._rest = [-1] * n  # whole rounds at rest, from -1: one has begun before
-        self._buttons = SetupButtons(cart.arms, reports, 1)  # of the arms, and of the lift
+        self.buttons = SetupButtons(cart.arms, reports, 1)  # of the arms, and of the lift
         self._lift_asked = 0.0
         self._lift_sent: float | None = None
         self._lift_sent_ns = 0
@@ -155,11 +155,11 @@ class Classic(SetupPower):
 
     def clutch(self, place: int, on: bool, now_ns: int) -> None:
         """Release the brakes of an arm for a minute, or engage them."""
-        self._buttons.command(place, now_ns + CLUTCH_COMMAND_NS if on else 0)
+        self.buttons.command(place, now_ns + CLUTCH_COMMAND_NS if on else 0)
 
     def lift(self, velocity: float, now_ns: int) -> None:
         """Move the lift for a second."""
-        self._buttons.command(len(self._arms), now_ns + LIFT_COMMAND_NS if velocity else 0)
+        self.buttons.command(len(self._arms), now_ns + LIFT_COMMAND_NS if velocity else 0)
         self._lift_asked = velocity
 
     # -- a cycle -------------------------------------------------------------------------------------------------------
@@ -173,7 +173,7 @@ class Classic(SetupPower):
         self._look_at_buttons(enabled, now_ns)
         velocity = self._velocity() if enabled else 0.0
         if enabled:
-            self._brakes.step(dt_s, self._buttons.acts[:-1])
+            self._brakes.step(dt_s, self.buttons.acts[:-1])
         else:
             self._brakes.cut()
         self._move_lift(velocity, now_ns)
@@ -199,19 +199,19 @@ class Classic(SetupPower):
 
     def _look_at_buttons(self, enabled: bool, now_ns: int) -> None:
         pressed = np.append(self._board.pressed[self._plugs], self._board.up or self._board.down)
-        self._buttons.step(pressed, np.full(len(pressed), enabled), now_ns)
-        for place in np.flatnonzero(self._buttons.stuck).tolist():
+        self.buttons.step(pressed, np.full(len(pressed), enabled), now_ns)
+        for place in np.flatnonzero(self.buttons.stuck).tolist():
             button = f"{self._arms[place].name}: its clutch" if place < len(self._arms) else "a button of the lift"
             text = f"{button} is already pressed; it has no effect until it is released"
             self._reports.report(codes.CLUTCH_STUCK, text, self._name)
-        self._setups.clutch(self._buttons.held[:-1], self._reports)
+        self._setups.clutch(self.buttons.held[:-1], self._reports)
 
     def _velocity(self) -> float:
         buttons = float(self._board.up) - float(self._board.down)
         if not (self._board.up or self._board.down):
             self._is_held_back = False
-            return self._lift_asked if self._buttons.acts[-1] else 0.0
-        if not self._buttons.acts[-1]:
+            return self._lift_asked if self.buttons.acts[-1] else 0.0
+        if not self.buttons.acts[-1]:
             return 0.0
         if not self._board.is_authorized and not self._is_held_back:
             self._is_held_back = True

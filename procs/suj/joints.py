@@ -110,6 +110,8 @@ class SetupJoints:
         return request
 
     def _enter(self, state: SetupState) -> None:
+        if state is not SetupState.ENABLED and self._source is not None:
+            self._source.buttons.cut()
         if state is SetupState.FAULT:
             self._faults.fault()
         elif state is SetupState.DISABLED:

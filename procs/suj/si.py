@@ -69,7 +69,7 @@ class Si:
         n = len(cart.arms)
         self._name, self._arms, self._base, self._setups, self._link = (
             cart.name, cart.arms, cart.base_board.upper(), setups, link)
-        self._reports, self._hands, self._buttons = reports, hands, SetupButtons(cart.arms, reports)
+        self._reports, self._hands, self.buttons = reports, hands, SetupButtons(cart.arms, reports)
         self._let_go, self._asked_ns = let_go, [0] * n
         self._readings = PotReadings(setups, SI_LIMITS, reports)
         self._place = {arm.board.upper(): place for place, arm in enumerate(cart.arms)}
@@ -83,7 +83,7 @@ class Si:
 
     def clutch(self, place: int, on: bool, now_ns: int) -> None:
         """Release the brakes of an arm for a minute, or engage them."""
-        self._buttons.command(place, now_ns + CLUTCH_COMMAND_NS if on else 0)
+        self.buttons.command(place, now_ns + CLUTCH_COMMAND_NS if on else 0)
         if not on:
             self._let_go(place, False)
 
@@ -107,12 +107,12 @@ class Si:
 
     def _clutch(self, now_ns: int, enabled: bool) -> None:
         pressed, powered = self._hands(now_ns)
-        self._buttons.step(pressed, powered & enabled, now_ns)
-        self._setups.clutch(self._buttons.held, self._reports)
-        for place in np.flatnonzero(self._buttons.held).tolist():
+        self.buttons.step(pressed, powered & enabled, now_ns)
+        self._setups.clutch(self.buttons.held, self._reports)
+        for place in np.flatnonzero(self.buttons.held).tolist():
             self._settled[place] = 0
             self._setups.lose(place, moved=True)
-            if self._buttons.by_command[place] and now_ns - self._asked_ns[place] >= BRAKE_REPEAT_NS:
+            if self.buttons.by_command[place] and now_ns - self._asked_ns[place] >= BRAKE_REPEAT_NS:
                 self._asked_ns[place] = now_ns
                 self._let_go(place, True)
 
@@ -130,7 +130,7 @@ class Si:
         self._rounds += np.uint64(1)
         self._primary[place, : arm.joints], self._secondary[place, : arm.joints] = readings
         self._report(place, "")
-        self._settled[place] += not self._buttons.held[place]
+        self._settled[place] += not self.buttons.held[place]
         if self._settled[place] < SETTLED:
             return
         self._readings.take(place, readings[0], readings[1])

@@ -348,7 +348,7 @@ def test_a_clutch_command_does_what_the_button_does_for_a_while(known: Cart) -> 
     known.run(0.5)
     assert not any(released(known))
     known.say("clutch", "PSM2", 1)
-    known.source._buttons._until_ns[2] = known.now_ns + 10_000_000
+    known.source.buttons._until_ns[2] = known.now_ns + 10_000_000
     known.run(0.5)
     assert not any(released(known)) and "clutched by command for a minute" in known.reports.of("warning")[-1]
 

@@ -253,9 +253,8 @@ def test_a_loss_of_power_ends_the_clutch_of_an_si_arm_by_command(si: SetupHarnes
         assert si.ask("clutch", "PSM1", 1.0).outcome == "refused", "nor does a new one wait for power"
         si.powered[row] = True
     else:
-        si.ask("state_command", "disable")
-        si.step()
-        si.ask("state_command", "enable")
+        si.step(*(FakeCommand("state_command", word) for word in ("disable", "enable")))
+        assert si.field("sub_state").item() == b"ENABLED"
     si.asked.clear()
     run(si, 0.1)
     assert not si.asked and not si.field("clutched").any()
