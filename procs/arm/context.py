@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 from trocar.procs.arm.setup_base import SetupBase
-from trocar.procs.arm.supervision import power_lost
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.node.inputs import Fields
+from trocar.procs.node.io_faults import power_lost
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
 from trocar.shm.system.events import Events

@@ -13,15 +13,13 @@ from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.context import ArmContext, ToolReading
 from trocar.procs.arm.effort_limits import motor_efforts
 from trocar.procs.arm.setup_base import SetupBase, place_of
-from trocar.procs.arm.supervision import power_lost
-from trocar.procs.document.system import Actuator, ArmConfig, Brake, IoConfig
+from trocar.procs.document.system import ArmConfig, IoConfig
 from trocar.procs.native.library import native
 from trocar.procs.node import runtime
-from trocar.procs.node.fault_report import FaultReport, axis_titles, boards_of, place, reported, sentence
 from trocar.procs.node.inputs import SETUP_LATE_S
+from trocar.procs.node.io_faults import fault_reports, io_stalls, power_reports
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
-from trocar.procs.tables.codes import AMPLIFIER, Code
 from trocar.procs.tables.manifest import proc
 from trocar.procs.user.classes import class_named
 from trocar.shm.ring.ring import RingReader
@@ -32,7 +30,6 @@ PERIODS_AT_REST = 2
 PERIODS_OVERLOADED = {False: 2, True: 3}
 """Periods of an overloaded machine: in motion, at rest."""
 WARN_EVERY_NS = 60_000_000_000
-RECENT_NS = 200_000_000
 
 
 class LastGood:
@@ -79,61 +76,6 @@ def readings(ring: RingReader, io: IoConfig, reader: str) -> Callable[[], ToolRe
         return last
 
     return newest
-
-
-def newest(events: RingReader, code: Code | None, component: str, since_ns: int) -> np.void | None:
-    """The newest event with this code and component since shortly before a record with this stamp."""
-    return next((row for row in events.since(since_ns - RECENT_NS)[::-1]
-                 if code and row["code"] == code.code.encode() and row["component"] == component.encode()), None)
-
-
-def io_stalls(events: RingReader, io: str) -> Callable[[int], str]:
-    """io's report of the stall after which it restarted; an io that crashed reports none."""
-    def report(since_ns: int) -> str:
-        row = newest(events, codes.HELD_UP, io, since_ns)
-        return "" if row is None else str(row["text"].decode(errors="replace"))
-
-    return report
-
-
-def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int], FaultReport]:
-    """io's newest report of a fault of `robot`, else the text of the fault table. `io` reads the record.
-
-    io reports its events before it publishes the record that shows the fault.
-    """
-
-    def report(number: int) -> FaultReport:
-        known = reported(number)
-        row = newest(events, known.code, robot, io.stamp_ns)
-        if row is None:
-            return known
-        return FaultReport(known.code, row["text"].decode(errors="replace"), int(row["axis"]), int(row["board"]),
-                           float(row["value"]), float(row["limit"]))
-
-    return report
-
-
-def power_reports(io: LastGood, document: IoConfig, number: int) -> Callable[[], FaultReport]:
-    """The report for a loss of power, from the amplifiers in io's record: a single one that is off is named."""
-    robot, titles = document.robots[number], axis_titles(document)[number]
-    brakes = sum(len(each.actuators) for each in document.robots)
-    brakes += sum(len(each.brakes) for each in document.robots[:number])
-    first = sum(len(each.actuators) for each in document.robots[:number])
-    places = [*range(first, first + len(robot.actuators)), *range(brakes, brakes + len(robot.brakes))]
-    drives: list[Actuator | Brake] = [*robot.actuators, *robot.brakes]
-    enabled, on = io.field("amp_enabled"), io.field("amp_on")
-
-    def report() -> FaultReport:
-        wanted = [axis for axis, at in enumerate(places) if enabled[at]]
-        off = [axis for axis in wanted if not on[places[axis]]]
-        if not off or len(off) == len(wanted):  # the common supply
-            return power_lost()
-        boards = boards_of(drives[off[0]])
-        also = f"also axis {', '.join(map(str, off[1:]))}" if off[1:] else ""
-        text = sentence(place(robot.name, titles[off[0]], boards), AMPLIFIER.cause, also)
-        return FaultReport(AMPLIFIER, text, off[0], boards[0] if boards else -1)
-
-    return report
 
 
 def place_in(io: IoConfig, arm: ArmConfig) -> tuple[int, int]:
@@ -196,8 +138,8 @@ class ArmLoop(runtime.Loop):
         self.arm = logic_of(arm)(arm, ArmContext(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), node.commands(arm.io), self._state.field, self._setpoint.field,
-            node.events, fault_reports(self._io, events, arm.robot),
-            power_report=power_reports(self._io, io, number), io_stall=io_stalls(events, arm.io),
+            node.events, fault_reports(lambda: self._io.stamp_ns, events, arm.robot),
+            power_report=power_reports(self._io.field, io, number), io_stall=io_stalls(events, arm.io),
             gripper=gripper_in(io, arm), setup_base=setup_base(node, arm), motors=motor_efforts(io.robots[number]),
             reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader),
             stall=node.stall, simulated=node.simulated, faults=faults))

@@ -29,11 +29,6 @@ class Generations:
         return cls(int(io.bias_generation.item()), int(io.pid_generation.item()))
 
 
-def power_lost() -> FaultReport:
-    """The report of a power loss without details."""
-    return FaultReport(codes.POWER_LOST, "detected power loss (actuators)")
-
-
 def problem(
     state: ArmState, io: ArmReadings, epoch: int, driving: Generations | None,
             fault_report: Callable[[int], FaultReport],

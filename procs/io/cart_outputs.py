@@ -6,9 +6,9 @@ amplifier disabled. So it stops when the commanding process dies, stalls or rest
 
 The brakes of Si setup joints release while a clutch button is pressed and the arm has power. Their buttons and their
 brake are on the controllers of the arm, under the names of the original's files: NAME_SUJ_clutch, NAME_SUJ_clutch_2 and
-NAME_SUJ_brake (high: release). I/O does this by itself, from the levels of the buttons. A button counts only after it
-was seen released since the arm has power, so a stuck button releases nothing. A repeated `setup_brake` acts like a
-pressed button.
+NAME_SUJ_brake (high: release). I/O does this by itself, from the levels of the buttons. A repeated `setup_brake` acts
+like a pressed button. Both count only after they were seen released since the arm has power: a stuck button, or a
+command repeated since before, releases nothing.
 """
 
 from __future__ import annotations
@@ -115,8 +115,8 @@ class SetupBrake:
     let_go: bool = False
     pressed: bool = False
     powered: bool = False
-    counts: bool = False  # the buttons were seen released since power-on
-    until_ns: int = 0  # end of a release by command
+    counts: bool = False  # neither the buttons nor a command held it at some time since power-on
+    until_ns: int = 0  # end of a command
 
 
 class SetupBrakes:
@@ -139,10 +139,8 @@ class SetupBrakes:
         brake = self._brakes.get(robot)
         if brake is None:
             return "there are no setup joints under it whose brakes io releases"
-        if on and not self._record.amps_on[robot]:
-            return "its amplifiers are not on"
         brake.until_ns = now_ns + HOLD_NS if on else 0
-        return ""
+        return "its amplifiers are not on" if on and not self._record.amps_on[robot] else ""
 
     def step(self, now_ns: int) -> None:
         """Once a cycle, also after a bad read: without power, the brakes hold."""
@@ -152,8 +150,9 @@ class SetupBrakes:
     def _follow(self, robot: int, brake: SetupBrake, now_ns: int) -> None:
         record, name = self._record, self._robots.names[robot]
         pressed, powered = bool(record.input[brake.inputs].any()), bool(record.amps_on[robot])
-        brake.counts = powered and (brake.counts or not pressed)
-        let_go = powered and ((pressed and brake.counts) or now_ns <= brake.until_ns)
+        held = pressed or now_ns <= brake.until_ns
+        brake.counts = powered and (brake.counts or not held)
+        let_go = held and brake.counts
         if pressed and powered and not brake.powered:
             self._reports.warn(codes.CLUTCH_STUCK, name)
         elif pressed and not powered and not brake.pressed:

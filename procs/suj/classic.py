@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.kinematics.poses import Array
-from trocar.procs.node.fault_report import reported
+from trocar.procs.node.fault_report import NO_FAULT, FaultReport
 from trocar.procs.node.inputs import Fields
+from trocar.procs.suj.buttons import CLUTCH_COMMAND_NS, SetupButtons
 from trocar.procs.suj.interface_board import InterfaceBoard
 from trocar.procs.suj.machine import SetupPower, SetupState
 from trocar.procs.suj.multiplexer import INCREMENT, PLUGS, Multiplexer
@@ -31,7 +32,6 @@ JOINTS: Final = 6
 LIFT_COMMAND_NS: Final = 1_000_000_000
 LIFT_REPEAT_NS: Final = 10_000_000  # io stops the lift 30 ms after the last command
 RAMP_A_S: Final = 8.0
-CLUTCH_COMMAND_NS: Final = 60_000_000_000
 
 
 class SetupArmBrakes:
@@ -81,12 +81,11 @@ class Classic(SetupPower):
         self._plugs = np.array([arm.plug - 1 for arm in cart.arms], dtype=np.intp)
         self._lifts = np.array([arm.lifts for arm in cart.arms], dtype=bool)
         self._rest = [-1] * n  # whole rounds at rest, from -1: one has begun before
-        self._until_ns = [0] * n  # end of a clutch by command
-        self._lift_until_ns, self._lift_asked = 0, 0.0
+        self.buttons = SetupButtons(cart.arms, reports, 1)  # of the arms, and of the lift
+        self._lift_asked = 0.0
         self._lift_sent: float | None = None
         self._lift_sent_ns = 0
-        self._counts = np.zeros(n + 1, dtype=bool)  # buttons of the arms, and of the lift: seen released since enabled
-        self._was_enabled = self._is_held_back = False
+        self._is_held_back = False
         self._round_ns = self._asked_ns = self._before_ns = 0
         self._rounds = 0
         self._is_away = True
@@ -121,7 +120,7 @@ class Classic(SetupPower):
     @property
     def has_io(self) -> bool:
         """Whether io has published a record since this process started."""
-        return self._board.stamp_ns > 0
+        return self._board.record_ns > 0
 
     @property
     def is_powered(self) -> bool:
@@ -135,30 +134,33 @@ class Classic(SetupPower):
             board.ask("pid_enable", 1.0)  # from now on io takes the currents of the brakes from our setpoints
         return board.powered and board.amps_on and board.pid_enabled
 
-    def problem(self, now_ns: int, *, powering: bool) -> str:
-        """The present problem, "": none."""
+    def problem(self, now_ns: int, *, powering: bool) -> FaultReport:
+        """The present problem."""
         board = self._board
-        if not board.is_fresh(now_ns):
-            return "io does not answer"
+        if not board.io_answers(now_ns):
+            return FaultReport(codes.IO_TIMEOUT, "io does not answer")
         if board.epoch != self._driving_epoch:
-            return "io was restarted"
+            return FaultReport(codes.IO_RESTARTED, "io was restarted")
         if board.has_fault and (not powering or now_ns - self._asked_ns > OLD_FAULT_NS):
-            return reported(board.fault).words(self._name)
+            return board.fault_report(board.fault)
         if powering:
-            return "failed to enable power" if now_ns - self._asked_ns > POWER_NS else ""
+            is_late = now_ns - self._asked_ns > POWER_NS
+            return FaultReport(codes.POWER_TIMEOUT, "failed to enable power") if is_late else NO_FAULT
         if not board.powered or not board.amps_on:
-            return "detected power loss"
-        return "" if board.pid_enabled else "the current of the brakes was switched off"
+            return board.power_report()
+        return NO_FAULT if board.pid_enabled else FaultReport(
+            codes.PID_OFF, "the current of the brakes was switched off")
 
     # -- commands ------------------------------------------------------------------------------------------------------
 
     def clutch(self, place: int, on: bool, now_ns: int) -> None:
         """Release the brakes of an arm for a minute, or engage them."""
-        self._until_ns[place] = now_ns + CLUTCH_COMMAND_NS if on else 0
+        self.buttons.command(place, now_ns + CLUTCH_COMMAND_NS if on else 0)
 
     def lift(self, velocity: float, now_ns: int) -> None:
         """Move the lift for a second."""
-        self._lift_asked, self._lift_until_ns = velocity, now_ns + LIFT_COMMAND_NS
+        self.buttons.command(len(self._arms), now_ns + LIFT_COMMAND_NS if velocity else 0)
+        self._lift_asked = velocity
 
     # -- a cycle -------------------------------------------------------------------------------------------------------
 
@@ -167,12 +169,11 @@ class Classic(SetupPower):
         dt_s, self._before_ns = min(now_ns - (self._before_ns or now_ns), 20_000_000) * 1e-9, now_ns
         if not self._board.look(self._sample):
             self._multiplexer.skip()
-        enabled = state is SetupState.ENABLED
-        self._look_at_buttons(enabled)
-        velocity = self._velocity(now_ns) if enabled else 0.0
-        self._clutch(now_ns)
+        enabled = state is SetupState.ENABLED and self._board.is_fresh(now_ns)
+        self._look_at_buttons(enabled, now_ns)
+        velocity = self._velocity() if enabled else 0.0
         if enabled:
-            self._brakes.step(dt_s, self._clutched & (self._counts[:-1] | (np.array(self._until_ns) > 0)))
+            self._brakes.step(dt_s, self.buttons.acts[:-1])
         else:
             self._brakes.cut()
         self._move_lift(velocity, now_ns)
@@ -181,7 +182,7 @@ class Classic(SetupPower):
             self._rest[place] = -1
             self._setups.lose(place, moved=True)
         self._follow_rounds(now_ns)
-        self._publish(enabled)
+        self._publish(state is SetupState.ENABLED)
 
     def _sample(self, stamp_ns: int, channel: int, volts: Array) -> None:
         if self._is_away:
@@ -196,40 +197,21 @@ class Classic(SetupPower):
         elif asked:
             self._board.ask("multiplexer", 0.0)
 
-    def _clutch(self, now_ns: int) -> None:
-        pressed = self._board.pressed[self._plugs]
-        for place, until_ns in enumerate(self._until_ns):
-            if until_ns and now_ns > until_ns:
-                self._until_ns[place] = 0
-                name = self._arms[place].name
-                self._reports.report(codes.CLUTCH_RELEASED,
-                                     f"{name}: clutched by command for a minute; its brakes hold again", name)
-            if pressed[place]:
-                self._until_ns[place] = 0  # releasing the button also ends a clutch by command
-            clutched = bool(pressed[place]) or self._until_ns[place] > 0
-            if clutched != self._clutched[place]:
-                name = self._arms[place].name
-                self._reports.status(f"{name}: {'clutched' if clutched else 'not clutched'}", name)
-            self._clutched[place] = clutched
-
-    def _look_at_buttons(self, enabled: bool) -> None:
-        """A button that is stuck, or pressed at power-on or start, has no effect until it was seen released."""
+    def _look_at_buttons(self, enabled: bool, now_ns: int) -> None:
         pressed = np.append(self._board.pressed[self._plugs], self._board.up or self._board.down)
-        self._counts = (self._counts | ~pressed) & enabled
-        if enabled and not self._was_enabled:
-            for place in np.flatnonzero(pressed).tolist():
-                button = f"{self._arms[place].name}: its clutch" if place < len(self._arms) else "a button of the lift"
-                text = f"{button} is already pressed; it has no effect until it is released"
-                self._reports.report(codes.CLUTCH_STUCK, text, self._name)
-        self._was_enabled = enabled
+        self.buttons.step(pressed, np.full(len(pressed), enabled), now_ns)
+        for place in np.flatnonzero(self.buttons.stuck).tolist():
+            button = f"{self._arms[place].name}: its clutch" if place < len(self._arms) else "a button of the lift"
+            text = f"{button} is already pressed; it has no effect until it is released"
+            self._reports.report(codes.CLUTCH_STUCK, text, self._name)
+        self._setups.clutch(self.buttons.held[:-1], self._reports)
 
-    def _velocity(self, now_ns: int) -> float:
+    def _velocity(self) -> float:
         buttons = float(self._board.up) - float(self._board.down)
         if not (self._board.up or self._board.down):
             self._is_held_back = False
-            return self._lift_asked if now_ns < self._lift_until_ns else 0.0
-        self._lift_until_ns = 0
-        if not self._counts[-1]:
+            return self._lift_asked if self.buttons.acts[-1] else 0.0
+        if not self.buttons.acts[-1]:
             return 0.0
         if not self._board.is_authorized and not self._is_held_back:
             self._is_held_back = True

@@ -1,4 +1,4 @@
-"""A Classic cart's interface board through io: samples in order, flags of the newest one, and commands to io."""
+"""A Classic cart's interface board through io: samples in order, flags of the newest record, and commands to io."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from trocar.procs.document.cart import channel_inputs
 from trocar.procs.document.system import IoConfig
+from trocar.procs.node.fault_report import FaultReport, reported
+from trocar.procs.node.io_faults import power_lost
 from trocar.procs.suj.multiplexer import PLUGS
 from trocar.procs.tables import codes
 from trocar.procs.tables.codes import ARM_LOST, ERROR, FAULTS
@@ -52,14 +54,20 @@ class IoMailbox:
 
 
 class InterfaceBoard:
-    """`look` reads io's records since the last call; flags are those of the newest good sample.
+    """`look` reads io's records since the last call; flags are those of the newest one, buttons those of the newest
+    good sample.
 
     `pressed` are the clutch buttons of plugs 1 to 4, `up` and `down` those of the lift.
     """
 
-    def __init__(self, io: IoConfig, robot: str, records: RingReader, orders: IoMailbox) -> None:
-        """`robot` is the cart's in `io`."""
+    def __init__(self, io: IoConfig, robot: str, records: RingReader, orders: IoMailbox,
+                 fault_report: Callable[[int], FaultReport] = reported,
+                 power_report: Callable[[], FaultReport] = power_lost) -> None:
+        """`robot` is the cart's in `io`; `fault_report` gives io's report of its latched fault, `power_report` that of
+        a loss of power.
+        """
         self.robot, self._records, self._orders = robot, records, orders
+        self.fault_report, self.power_report = fault_report, power_report
         places = [r.name for r in io.robots]
         place = places.index(robot)
         first = sum(len(r.actuators) for r in io.robots[:place])
@@ -77,7 +85,7 @@ class InterfaceBoard:
         self.up = self.down = False
         self.power_requested = self.powered = self.amps_on = self.pid_enabled = False
         self.pid_generation = self.bias_generation = self.fault = 0
-        self.stamp_ns = self.epoch = 0
+        self.stamp_ns = self.record_ns = self.epoch = 0
         self._lost = records.lost
 
     def look(self, sample: Callable[[int, int, NDArray[np.float64]], None]) -> bool:
@@ -86,10 +94,13 @@ class InterfaceBoard:
         for _ in range(MOST):
             if not records.next():
                 break
+            self.record_ns = records.stamp_ns
+            for name, cell in self._flags.items():
+                setattr(self, name, cell.item())
             if self._valid.item():
                 self.stamp_ns = records.stamp_ns
                 sample(self.stamp_ns, int(self._input[self._lines] @ (1, 2, 4, 8)), self._volts)
-                self._take()
+                self._take_buttons()
             else:
                 whole = False
         whole = whole and records.lost == self._lost
@@ -97,17 +108,18 @@ class InterfaceBoard:
         self.epoch = records.epoch
         return whole
 
-    def _take(self) -> None:
-        """Update flags and buttons."""
-        for name, cell in self._flags.items():
-            setattr(self, name, cell.item())
+    def _take_buttons(self) -> None:
         pressed = [place >= 0 and bool(self._input[place]) for place in self._buttons]
         self.pressed[...] = pressed[:PLUGS]
         self.up, self.down = pressed[PLUGS:]
 
     def is_fresh(self, now_ns: int) -> bool:
         """Whether io and its boards send fresh samples."""
-        return self.stamp_ns > 0 and -SILENT_NS <= now_ns - self.stamp_ns <= SILENT_NS
+        return _is_recent(self.stamp_ns, now_ns)
+
+    def io_answers(self, now_ns: int) -> bool:
+        """Whether io sends records, with good samples or without."""
+        return _is_recent(self.record_ns, now_ns)
 
     @property
     def has_fault(self) -> bool:
@@ -122,3 +134,7 @@ class InterfaceBoard:
     def ask(self, name: str, *values: float) -> None:
         """Send io a command for the cart's robot; refusals are reported."""
         self._orders.send(name, values, self.robot)
+
+
+def _is_recent(stamp_ns: int, now_ns: int) -> bool:
+    return stamp_ns > 0 and -SILENT_NS <= now_ns - stamp_ns <= SILENT_NS

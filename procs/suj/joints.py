@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from trocar.procs.document.cart import Cart
+from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import Request
 from trocar.procs.suj.classic import Classic
@@ -16,12 +18,14 @@ from trocar.procs.suj.frames import CarriedTip, Frames
 from trocar.procs.suj.machine import SetupPower, SetupState, SetupStates
 from trocar.procs.suj.setups import Setups
 from trocar.procs.suj.si import Si
+from trocar.procs.tables import codes
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
 from trocar.shm.mailbox.origins import Origin
 from trocar.shm.memory.layout import shorten
 from trocar.shm.system.events import Events
 
 PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
+UNFINISHED: Final = FaultReport(codes.POWER_TIMEOUT, "power-on was not complete, and is no longer requested")
 
 
 class SetupJoints:
@@ -99,9 +103,8 @@ class SetupJoints:
             if before == SetupState.FAULT:
                 self.machine.reason = "the process was restarted; there was a fault before"
             else:
-                reason = ("power-on was not complete, and is no longer requested" if classic.is_powered else
-                          "power was lost while it was away")
-                self.machine.report(f"the process was restarted; {reason}")
+                found = UNFINISHED if classic.is_powered else classic.problem(now_ns, powering=False)
+                self.machine.report(replace(found, text=f"{found.text}; the process was restarted"))
             self.machine.begin(SetupState.FAULT, False, now_ns)
 
     def _heard(self, request: Request) -> Request:
@@ -112,6 +115,8 @@ class SetupJoints:
         return request
 
     def _enter(self, state: SetupState) -> None:
+        if state is not SetupState.ENABLED and self._source is not None:
+            self._source.buttons.cut()
         if state is SetupState.FAULT:
             self._faults.fault()
         elif state is SetupState.DISABLED:

@@ -8,10 +8,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.document.cart import CLASSIC, SI, Cart
+from trocar.procs.document.arms import ArmConfig
+from trocar.procs.document.cart import CLASSIC, SI, Cart, CartArm
 from trocar.procs.node import runtime
 from trocar.procs.node.inputs import SETUP_LATE_S
+from trocar.procs.node.io_faults import fault_reports, power_reports
 from trocar.procs.suj.bluetooth import BluetoothBoards
+from trocar.procs.suj.buttons import Flags
 from trocar.procs.suj.classic import Classic
 from trocar.procs.suj.frames import CarriedTip
 from trocar.procs.suj.interface_board import InterfaceBoard, IoMailbox
@@ -23,37 +26,48 @@ from trocar.shm.mailbox.origins import Origin
 BEHIND_IO_NS: Final = 120_000
 
 
-def clutches(node: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:
-    """Whether a clutch button of an Si setup arm is pressed: the buttons belong to the carried arms."""
-    pressed = np.zeros(len(cart.arms), dtype=bool)
+def carried(node: runtime.Node, setup: CartArm) -> ArmConfig | None:
+    """The arm of the system on a setup arm; None: it carries none."""
+    return next((arm for arm in node.document.arms if arm.name == setup.carries), None)
+
+
+def has_brakes(node: runtime.Node, arm: ArmConfig) -> bool:
+    """Whether the io of this arm releases the brakes of the setup arm under it."""
+    return any((row.set_by, row.robot) == ("setup_brake", arm.robot)
+               for row in node.document.io(arm.io).digital_outputs)
+
+
+def hands(node: runtime.Node, cart: Cart) -> Callable[[int], tuple[Flags, Flags]]:
+    """Whether a clutch button of an Si setup arm is pressed, and whether its brakes have power: buttons and power are
+    those of the carried arm. Brakes that io does not release count as powered.
+    """
+    pressed, powered = np.zeros(len(cart.arms), dtype=bool), np.ones(len(cart.arms), dtype=bool)
     found = []
     for place, setup in enumerate(cart.arms):
-        arm = next((arm for arm in node.document.arms if arm.name == setup.carries), None)
-        names = [name for name in (arm.inputs.suj_clutch, arm.inputs.suj_clutch_2) if name] if arm is not None else []
-        if arm is None or not names:
+        arm = carried(node, setup)
+        if arm is None:
             continue
-        ring = node.reads(arm.io, "state")
-        listed = [row.name for row in node.document.io(arm.io).digital_inputs]
-        places = np.array([listed.index(name) for name in names if name in listed], dtype=np.intp)
-        found.append((place, ring, ring.field("input"), places))
+        io, record = node.document.io(arm.io), node.input(arm.io, late_s=SETUP_LATE_S)
+        buttons = np.flatnonzero([row.name in (arm.inputs.suj_clutch, arm.inputs.suj_clutch_2)
+                                  for row in io.digital_inputs])
+        robot = [row.name for row in io.robots].index(arm.robot)
+        amps_on = record.field("amps_on")[robot : robot + 1] if has_brakes(node, arm) else None
+        found.append((place, record, record.field("input"), buttons, amps_on))
 
-    def look(now_ns: int) -> NDArray[np.bool_]:
-        for place, ring, inputs, places in found:
-            if ring.newest():
-                pressed[place] = inputs[places].any()
-        return pressed
+    def look(now_ns: int) -> tuple[Flags, Flags]:
+        for place, record, inputs, buttons, amps_on in found:
+            if record.look(now_ns):
+                pressed[place] = inputs[buttons].any()
+            powered[place] = amps_on is None or (record.fresh and amps_on[0])
+        return pressed, powered
 
     return look
 
 
 def brakes(node: runtime.Node, cart: Cart, orders: Callable[[str], IoMailbox]) -> Callable[[int, bool], None]:
     """Has the io of a carried arm release the brakes of an Si setup arm; `orders` gives the mailbox of an io."""
-    found = {}
-    for place, setup in enumerate(cart.arms):
-        arm = next((arm for arm in node.document.arms if arm.name == setup.carries), None)
-        if arm is not None and any((row.set_by, row.robot) == ("setup_brake", arm.robot)
-                                   for row in node.document.io(arm.io).digital_outputs):
-            found[place] = orders(arm.io), arm.robot
+    arms = {place: carried(node, setup) for place, setup in enumerate(cart.arms)}
+    found = {place: (orders(arm.io), arm.robot) for place, arm in arms.items() if arm and has_brakes(node, arm)}
 
     def let_go(place: int, on: bool) -> None:
         if place in found:
@@ -83,14 +97,17 @@ class SetupLoop(runtime.Loop):
         field, setups = self._state.field, Setups(cart, self._state.field)
         source: Classic | Si | None = None
         if cart.kind == CLASSIC and cart.io:
-            board = InterfaceBoard(node.document.io(cart.io), cart.robot, node.reads(cart.io, "state"),
-                                   self._mailbox_of(cart.io))
+            io, records = node.document.io(cart.io), node.reads(cart.io, "state")
+            robot = [row.name for row in io.robots].index(cart.robot)
+            board = InterfaceBoard(io, cart.robot, records, self._mailbox_of(cart.io),
+                                   fault_reports(lambda: records.stamp_ns, node.reads(cart.io, "events"), cart.robot),
+                                   power_reports(records.field, io, robot))
             self._written = board.write_ns
             node.follows(cart.io)
             source = Classic(cart, setups, board, node.events, field, self._setpoint.field)
         elif cart.kind == SI and cart.simulation != "KINEMATIC":
             self._link = link_of(cart)
-            source = Si(cart, setups, self._link, node.events, field, clutches(node, cart),
+            source = Si(cart, setups, self._link, node.events, field, hands(node, cart),
                         brakes(node, cart, self._mailbox_of))
         faults = node.fault_cell()
         self._joints = SetupJoints(cart, field, setups, source, node.events, tips(node, cart), faults,

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Final
 
+from trocar.procs.node.fault_report import NO_FAULT, FaultReport
 from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
 from trocar.shm.system.events import Events
@@ -40,9 +41,9 @@ class SetupPower:
         """Whether power is on, with everything needed to move brakes."""
         return True
 
-    def problem(self, now_ns: int, *, powering: bool) -> str:
-        """The present problem while power is on or coming up; "": none."""
-        return ""
+    def problem(self, now_ns: int, *, powering: bool) -> FaultReport:
+        """The present problem while power is on or coming up."""
+        return NO_FAULT
 
 
 class SetupStates:
@@ -116,7 +117,7 @@ class SetupStates:
         """Check the power, advance, and answer finished commands."""
         if self.state in (SetupState.POWERING, SetupState.ENABLED):
             problem = self._power.problem(now_ns, powering=self.state is SetupState.POWERING)
-            if problem:
+            if problem.code is not None:
                 self.fault(problem)
             elif self.state is SetupState.POWERING and self._power.is_on():
                 self._set(SetupState.ENABLED)
@@ -132,17 +133,18 @@ class SetupStates:
             return self.reason
         return "motor power and amplifiers" if self.state is SetupState.POWERING else ""
 
-    def fault(self, reason: str) -> None:
+    def fault(self, found: FaultReport) -> None:
         """Report a fault, and engage the brakes."""
-        self.report(reason)
+        self.report(found)
         self.desired, self._homed = SetupState.FAULT, False
         self._set(SetupState.FAULT)
-        self._answer(reason)
+        self._answer(found.words(self.name))
 
-    def report(self, reason: str) -> None:
+    def report(self, found: FaultReport) -> None:
         """Report the cause of a fault."""
-        self.reason = reason
-        self._reports.report(codes.SUJ_FAULT, f"{self.name}: {reason}", self.name)
+        self.reason = found.text
+        if found.code is not None:
+            self._reports.report(found.code, found.text, self.name, found.axis, found.value, found.limit, found.board)
 
     def publish(self) -> None:
         """Report the operating state."""

@@ -9,6 +9,7 @@ from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised, pose_from_matrix
 from trocar.procs.node.inputs import Fields
+from trocar.shm.system.events import Events
 
 
 class Setups:
@@ -77,6 +78,13 @@ class Setups:
         if self.valid[place]:
             self.valid[place] = False
             self.changes += 1
+
+    def clutch(self, held: NDArray[np.bool_], reports: Events) -> None:
+        """Show which arms are clutched, and report changes."""
+        for place in np.flatnonzero(held != self.clutched).tolist():
+            name = self.names[place]
+            reports.status(f"{name}: {'clutched' if held[place] else 'not clutched'}", name)
+        self.clutched[...] = held
 
     def take_over(self, place: int) -> bool:
         """Take over the previous process's record: joints, or the pose of an arm without joints. False if there is

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from trocar.procs.document.cart import Cart
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.inputs import Fields
+from trocar.procs.suj.buttons import CLUTCH_COMMAND_NS, Flags, SetupButtons
 from trocar.procs.suj.machine import SetupState
 from trocar.procs.suj.pots import SI_LIMITS, Potentiometers, PotReadings
 from trocar.procs.suj.setups import Setups
@@ -26,7 +27,6 @@ from trocar.shm.system.events import Events
 
 STALE_NS: Final = 5_000_000_000  # boards are read several times a second, and a connection takes seconds
 SETTLED: Final = 2  # readings after a release: the first may be from before
-CLUTCH_COMMAND_NS: Final = 60_000_000_000
 BRAKE_REPEAT_NS: Final = 10_000_000  # io engages the brakes 30 ms after the last command
 MAX_POTS: Final = 8
 
@@ -60,15 +60,16 @@ class Si:
     """The work of an Si cart in each cycle."""
 
     def __init__(self, cart: Cart, setups: Setups, link: PotLink, reports: Events, field: Fields,
-                 pressed: Callable[[int], NDArray[np.bool_]], let_go: Callable[[int, bool], None]) -> None:
-        """`field` gives the record's arrays; `pressed(now)` returns for each arm whether a clutch button is pressed.
+                 hands: Callable[[int], tuple[Flags, Flags]], let_go: Callable[[int, bool], None]) -> None:
+        """`field` gives the record's arrays; `hands(now)` returns for each arm whether a clutch button is pressed, and
+        whether its brakes have power.
 
         `let_go(place, on)` commands io to release the brakes of an arm, which also follow its buttons directly.
         """
         n = len(cart.arms)
         self._name, self._arms, self._base, self._setups, self._link = (
             cart.name, cart.arms, cart.base_board.upper(), setups, link)
-        self._reports, self._pressed, self._clutched = reports, pressed, setups.clutched
+        self._reports, self._hands, self.buttons = reports, hands, SetupButtons(cart.arms, reports)
         self._let_go, self._asked_ns = let_go, [0] * n
         self._readings = PotReadings(setups, SI_LIMITS, reports)
         self._place = {arm.board.upper(): place for place, arm in enumerate(cart.arms)}
@@ -77,20 +78,19 @@ class Si:
         self._stamps_ns = [0] * n
         self._settled = [0] * n
         self._reported = [""] * n
-        self._until_ns = [0] * n
         self._primary, self._secondary = field("primary_voltage"), field("secondary_voltage")
         self._rounds = field("rounds")
 
     def clutch(self, place: int, on: bool, now_ns: int) -> None:
         """Release the brakes of an arm for a minute, or engage them."""
-        self._until_ns[place] = now_ns + CLUTCH_COMMAND_NS if on else 0
+        self.buttons.command(place, now_ns + CLUTCH_COMMAND_NS if on else 0)
         if not on:
             self._let_go(place, False)
 
     def step(self, now_ns: int, state: SetupState) -> None:
         """One cycle: buttons and readings."""
         self._begun_ns = self._begun_ns or now_ns
-        self._clutch(now_ns)
+        self._clutch(now_ns, state is SetupState.ENABLED)
         for address, reading in self._link.poll(now_ns):
             try:
                 values = counts(reading)
@@ -105,20 +105,16 @@ class Si:
             if now_ns - max(self._begun_ns, min(self._stamps_ns[place], self._base_ns)) > STALE_NS:
                 self._miss(place)
 
-    def _clutch(self, now_ns: int) -> None:
-        for place, pressed in enumerate(self._pressed(now_ns).tolist()):
-            by_command = now_ns < self._until_ns[place]
-            clutched = pressed or by_command
-            if by_command and now_ns - self._asked_ns[place] >= BRAKE_REPEAT_NS:
+    def _clutch(self, now_ns: int, enabled: bool) -> None:
+        pressed, powered = self._hands(now_ns)
+        self.buttons.step(pressed, powered & enabled, now_ns)
+        self._setups.clutch(self.buttons.held, self._reports)
+        for place in np.flatnonzero(self.buttons.held).tolist():
+            self._settled[place] = 0
+            self._setups.lose(place, moved=True)
+            if self.buttons.by_command[place] and now_ns - self._asked_ns[place] >= BRAKE_REPEAT_NS:
                 self._asked_ns[place] = now_ns
                 self._let_go(place, True)
-            if clutched != self._clutched[place]:
-                self._clutched[place] = clutched
-                name = self._arms[place].name
-                self._reports.status(f"{name}: {'clutched' if clutched else 'not clutched'}", name)
-            if clutched:
-                self._settled[place] = 0
-                self._setups.lose(place, moved=True)
 
     def _read(self, place: int, values: Array, now_ns: int) -> None:
         arm = self._arms[place]
@@ -134,7 +130,7 @@ class Si:
         self._rounds += np.uint64(1)
         self._primary[place, : arm.joints], self._secondary[place, : arm.joints] = readings
         self._report(place, "")
-        self._settled[place] += not self._clutched[place]
+        self._settled[place] += not self.buttons.held[place]
         if self._settled[place] < SETTLED:
             return
         self._readings.take(place, readings[0], readings[1])

@@ -71,10 +71,10 @@ ENCODER_OVERFLOW: Final = Code(
     "encoder-overflow", ERROR, "io", "encoder counter overflow",
     "check the encoder, then trocar home NAME", 8, POWER_OFF)
 POWER_LOST: Final = Code(
-    "power-lost", ERROR, "io, arm", "motor power went off unexpectedly",
+    "power-lost", ERROR, "io, arm, suj", "motor power went off unexpectedly",
     "check the emergency stop and the safety chain, then trocar home NAME", 9, POWER_OFF)
 POWER_TIMEOUT: Final = Code(
-    "power-timeout", ERROR, "io, arm", "motor power did not come on in 3 s",
+    "power-timeout", ERROR, "io, arm, suj", "motor power did not come on in 3 s",
     "check the emergency stop, the safety chain and the controllers' supply", 10, POWER_OFF)
 POWER_FAULT: Final = Code(
     "power-fault", ERROR, "io", "a controller reports a motor supply fault",
@@ -86,7 +86,7 @@ WATCHDOG_UNCONFIRMED: Final = Code(
     "watchdog-unconfirmed", WARNING, "io", "the watchdog period was written, but the controller does not confirm it",
     "power stays off until it does; check the controller's cable and supply", 33, NOTHING)
 AMPLIFIER: Final = Code(
-    "amplifier", ERROR, "io, arm", "an amplifier is off although it should be on",
+    "amplifier", ERROR, "io, arm, suj", "an amplifier is off although it should be on",
     "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)
 TRACKING: Final = Code(
     "tracking", ERROR, "io", "the joint controller cannot follow its setpoint",
@@ -158,16 +158,17 @@ BOARDS_LATE: Final = Code(
     "boards-late", WARNING, "boards", "the emulated boards stalled; the robots stood still meanwhile",
     "the machine is too busy, or was suspended; reserve a core for the emulation")
 
-# arm: causes of FAULT
+# arm, suj: causes of FAULT
 IO_TIMEOUT: Final = Code(
-    "io-timeout", ERROR, "arm", "io does not answer",
+    "io-timeout", ERROR, "arm, suj", "io does not answer",
     "wait until io is back, or start it by its name with trocar start; then trocar home NAME")
 IO_RESTARTED: Final = Code(
-    "io-restarted", ERROR, "arm", "io was restarted", "trocar home NAME; the log of io may say why")
+    "io-restarted", ERROR, "arm, suj", "io was restarted", "trocar home NAME; the log of io may say why")
 IO_FAULT: Final = Code(
-    "io-fault", ERROR, "arm", "io reports a fault with an unknown number", "run all processes from the same version")
+    "io-fault", ERROR, "arm, suj", "io reports a fault with an unknown number",
+    "run all processes from the same version")
 PID_OFF: Final = Code(
-    "pid-off", ERROR, "arm", "another program switched the joint controller off, or off and on again",
+    "pid-off", ERROR, "arm, suj", "another program switched the joint controller off, or off and on again",
     "trocar home NAME; trocar logs --commands shows which program did so")
 BIAS_CHANGED: Final = Code(
     "bias-changed", ERROR, "arm", "the encoders were set again while the joint controller was on",
@@ -269,10 +270,8 @@ CPU_OVERLOAD: Final = Code(
     BUSY)
 
 # setup joints
-SUJ_FAULT: Final = Code(
-    "suj-fault", ERROR, "suj", "the setup joints have lost power or their io; brakes hold", "remove the cause")
 CLUTCH_RELEASED: Final = Code(
-    "clutch-released", WARNING, "suj", "a clutch pressed by command was released after a minute",
+    "clutch-released", WARNING, "suj", "a clutch by command has ended: after a minute, or without power",
     "clutch again if you still need it")
 CLUTCH_STUCK: Final = Code(
     "clutch-stuck", WARNING, "io, suj", "a button of the setup joints was already pressed when they got power or "

@@ -78,6 +78,7 @@ def test_a_button_that_is_pressed_when_power_comes_lets_nothing_go_until_it_was_
 def test_by_command_they_let_go_until_30_ms_after_the_last_time_and_hold_for_anybody(harness: IoHarness) -> None:
     assert harness.ask("setup_brake", 1).answers == [("refused", "its amplifiers are not on")]
     harness.power()
+    harness.run(50)
     for _ in range(5):
         assert harness.ask("setup_brake", 1).outcome == "done"
         harness.run(20)
@@ -88,6 +89,21 @@ def test_by_command_they_let_go_until_30_ms_after_the_last_time_and_hold_for_any
     hold, let_go = (FakeCommand("setup_brake", "PSM1", on, origin=NOBODY) for on in (0.0, 1.0))
     harness.run(3, hold, let_go)
     assert (hold.outcome, let_go.outcome) == ("done", "refused") and not harness.record.output[0]
+
+
+def test_a_command_that_is_repeated_since_before_power_came_lets_nothing_go_until_it_has_paused(harness: IoHarness
+                                                                                                 ) -> None:
+    for on in (True, False, True):
+        harness.ask("power_on" if on else "power_off")
+        for _ in range(60):
+            harness.ask("setup_brake", 1)
+            harness.run(5)
+            assert not harness.record.output[0]
+    assert harness.record.amps_on[0]
+    harness.run(50)
+    harness.ask("setup_brake", 1)
+    harness.run(5)
+    assert harness.record.output[0]
 
 
 def test_they_hold_when_power_goes_while_the_button_is_pressed(harness: IoHarness) -> None:

@@ -16,11 +16,14 @@ from tests.suj.harness import FakeMemory, SetupHarness
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.boards.setup_joints import SetupJointsPlant as Plant
 from trocar.procs.config import load_system
+from trocar.procs.io.reports import IoEvent
+from trocar.procs.node.io_faults import fault_reports, power_reports
 from trocar.procs.suj.classic import Classic
 from trocar.procs.suj.interface_board import InterfaceBoard
 from trocar.procs.suj.multiplexer import Multiplexer
 from trocar.shm.mailbox.generations import NoFaults
-from trocar.shm.topics import SUJ_STATE
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.topics import EVENTS, SUJ_STATE
 
 PLACES = {
     "ECM": (0.41, -0.3, 0.2, 3.3, 0.0, 0.0), "PSM1": (0.52, 0.4, -1.1, 0.3, 0.2, -0.7),
@@ -49,6 +52,21 @@ class Records:
         for name, value in values.items():
             self._fields[name][...] = value
         return True
+
+
+class CartIoEvents:
+    """io's event ring: what it has reported, and did so just now."""
+
+    def __init__(self, events: list[IoEvent]) -> None:
+        self._events = events
+
+    def since(self, stamp_ns: int) -> np.ndarray:
+        found = np.zeros(len(self._events), dtype=schema_of(EVENTS, {}).dtype)
+        for row, event in zip(found, self._events, strict=True):
+            for name in ("code", "component", "text", "axis", "board", "value", "limit"):
+                value = getattr(event, name)
+                row[name] = value.encode() if isinstance(value, str) else value
+        return found
 
 
 class Orders(Guarded):
@@ -89,7 +107,10 @@ class Cart(SetupHarness):
         self._source, self.alive = source, True
 
     def _classic(self, cart, setups, reports, field, setpoint) -> Classic:
-        board = InterfaceBoard(self.harness.io, "SUJ", self.records, self.orders)
+        io, events = self.harness.io, CartIoEvents(self.harness.events)
+        board = InterfaceBoard(io, "SUJ", self.records, self.orders,
+                               fault_reports(lambda: self.records.stamp_ns, events, "SUJ"),
+                               power_reports(self.records.field, io, self.harness.robots.names.index("SUJ")))
         return Classic(cart, setups, board, reports, field, setpoint, self._multiplexer)
 
     @property

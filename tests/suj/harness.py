@@ -15,7 +15,7 @@ from trocar.procs.node.inputs import SETUP_LATE_S, Input
 from trocar.procs.suj.frames import CarriedTip
 from trocar.procs.suj.joints import SetupJoints
 from trocar.procs.suj.setups import Setups
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.codes import ERROR, Code
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.system.events import SEVERITIES
 from trocar.shm.topics import ARM_STATE, SUJ_SETPOINT, SUJ_STATE, Topic
@@ -66,6 +66,7 @@ class FakeSetupReports:
 
     def __init__(self) -> None:
         self.reported: list[tuple[str, str, str]] = []
+        self.faults: list[tuple[str, int, int, float, float]] = []
         self.states: list[tuple[str, str, bool, bool]] = []
 
     def status(self, text: str, component: str = "") -> None:
@@ -74,6 +75,8 @@ class FakeSetupReports:
     def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = 0.0,
                limit: float = 0.0, board: int = -1) -> None:
         self.reported.append((SEVERITIES[code.severity], code.code, text))
+        if code.severity >= ERROR:
+            self.faults.append((code.code, axis, board, value, limit))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         self.states.append((state, sub_state, is_homed, is_busy))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.boards.rails import Rails
 from tests.suj.cart import PLACES, Cart
+from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.node.fault_report import reported
 from trocar.procs.suj.machine import SetupState
 
@@ -188,7 +190,23 @@ def test_a_silent_io_makes_all_unknown(known: Cart) -> None:
         known.now_ns += 2_000_000
         known.joints.step(known.now_ns, ())
     assert known.valid() == [False] * 4 and known.joints.machine.state is SetupState.FAULT
-    assert known.reports.of("error") == ["SUJ: io does not answer"]
+    assert known.reports.of("error") == ["io does not answer"] and known.reports.faults[0][0] == "io-timeout"
+
+
+@pytest.mark.parametrize("clutched", [False, True])
+def test_a_board_that_is_unplugged_is_reported_as_io_reports_it(known: Cart, clutched: bool) -> None:
+    if clutched:
+        known.press("SUJ_clutch_2", True)
+        known.run(0.3)
+    BoardFaults(known.harness.world, Rails(4)).take_away(12, True)
+    known.run(0.1)
+    assert not known.field("brake_current").any(), "brakes hold without samples"
+    known.run(1.0)
+    (fault,) = [event for event in known.harness.events if event.kind == "error"]
+    assert fault.code == "bad-reads" and fault.text.startswith("SUJ, board 12: no good sample from the controllers")
+    assert known.joints.machine.state is SetupState.FAULT
+    assert known.reports.of("error") == [fault.text] == [known.field("reason").item().decode()]
+    assert known.reports.faults == [(fault.code, fault.axis, 12, fault.value, fault.limit)]
 
 
 # -- the lift ----------------------------------------------------------------------------------------------------------
@@ -330,7 +348,7 @@ def test_a_clutch_command_does_what_the_button_does_for_a_while(known: Cart) -> 
     known.run(0.5)
     assert not any(released(known))
     known.say("clutch", "PSM2", 1)
-    known.source._until_ns[2] = known.now_ns + 10_000_000
+    known.source.buttons._until_ns[2] = known.now_ns + 10_000_000
     known.run(0.5)
     assert not any(released(known)) and "clutched by command for a minute" in known.reports.of("warning")[-1]
 
@@ -349,6 +367,7 @@ def test_power_that_does_not_come_is_told(cart: Cart) -> None:
     cart.lose_supply(True)
     request = cart.say("state_command", "enable")
     cart.run(3.5)
-    words = reported(11).words("SUJ")
+    fault = reported(11)
     assert cart.joints.machine.state is SetupState.FAULT and request.outcome == "failed"
-    assert cart.reports.of("error") == [f"SUJ: {words}"] and request.answers[-1][1] == words
+    (error,) = cart.reports.of("error")
+    assert fault.text in error and request.answers[-1][1] == f"{error}; {fault.code.remedy_for('SUJ')}"

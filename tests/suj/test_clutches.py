@@ -2,54 +2,85 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from trocar.procs.suj.loop import brakes, clutches
+from trocar.procs.node.inputs import Input
+from trocar.procs.suj.loop import brakes, hands
+
+MS = 1_000_000
 
 
 class Inputs:
-    """The inputs of an io, in its ring."""
+    """The inputs of an io and the power of its robots, in its ring."""
+
+    epoch = 1
 
     def __init__(self) -> None:
-        self.values, self.there = np.zeros(3, dtype=bool), True
+        self.values, self.there, self.stamp_ns = np.zeros(3, dtype=bool), True, MS
+        self.amps_on = np.zeros(2, dtype=bool)
 
     def newest(self) -> bool:
         return self.there
 
     def field(self, name: str) -> Any:
-        assert name == "input"
-        return self.values
+        return {"input": self.values, "amps_on": self.amps_on}[name]
 
 
 def arm(name: str, io: str, *buttons: str) -> Any:
     first, second = (*buttons, "", "")[:2]
-    return SimpleNamespace(name=name, io=io, inputs=SimpleNamespace(suj_clutch=first, suj_clutch_2=second))
+    return SimpleNamespace(name=name, io=io, robot=f"{name}_robot",
+                           inputs=SimpleNamespace(suj_clutch=first, suj_clutch_2=second))
 
 
-def test_either_button_of_a_carried_arm_lets_its_set_up_arm_go() -> None:
-    rings = {"IO1": Inputs(), "IO2": Inputs()}
-    inputs = [SimpleNamespace(name=name) for name in ("other", "clutch", "clutch_2")]
+def io_with(*brakes_of: str) -> Any:
+    """An io that releases the brakes under these robots."""
+    return SimpleNamespace(
+        digital_inputs=[SimpleNamespace(name=name) for name in ("other", "clutch", "clutch_2")],
+        robots=[SimpleNamespace(name=name) for name in ("PSM1_robot", "PSM2_robot", "ECM_robot")],
+        digital_outputs=[SimpleNamespace(set_by="setup_brake", robot=robot) for robot in brakes_of])
+
+
+@pytest.fixture
+def rings() -> dict[str, Inputs]:
+    return {"IO1": Inputs(), "IO2": Inputs()}
+
+
+@pytest.fixture
+def look(rings: dict[str, Inputs]) -> Callable[[int], tuple[Any, Any]]:
+    ios = {"IO1": io_with("PSM1_robot"), "IO2": io_with("PSM2_robot")}
     node: Any = SimpleNamespace(
-        reads=lambda io, topic: rings[io],
+        input=lambda io, late_s: Input(rings[io], late_s),  # type: ignore[arg-type]
         document=SimpleNamespace(arms=[arm("PSM1", "IO1", "clutch", "clutch_2"), arm("PSM2", "IO2", "clutch"),
-                                       arm("ECM", "IO2")],
-                                 io=lambda name: SimpleNamespace(digital_inputs=inputs)))
+                                       arm("ECM", "IO2")], io=ios.__getitem__))
     cart: Any = SimpleNamespace(arms=[SimpleNamespace(carries=name) for name in ("ECM", "PSM1", "PSM2", "PSM3")])
-    look = clutches(node, cart)
-    assert look(1).tolist() == [False] * 4
+    return hands(node, cart)
+
+
+def test_either_button_of_a_carried_arm_lets_its_set_up_arm_go(rings: dict[str, Inputs], look: Any) -> None:
+    assert look(1)[0].tolist() == [False] * 4
     rings["IO2"].values[:] = (True, False, True)
-    assert look(2).tolist() == [False] * 4, "not its buttons"
+    assert look(2)[0].tolist() == [False] * 4, "not its buttons"
     for place in (1, 2):
         rings["IO1"].values[place] = True
-        assert look(3).tolist() == [False, True, False, False]
+        assert look(3)[0].tolist() == [False, True, False, False]
         rings["IO1"].values[place] = False
     rings["IO2"].values[1] = True
-    assert look(4).tolist() == [False, False, True, False]
+    assert look(4)[0].tolist() == [False, False, True, False]
     rings["IO2"].there, rings["IO2"].values[1] = False, False
-    assert look(5).tolist() == [False, False, True, False], "what it was last"
+    assert look(5)[0].tolist() == [False, False, True, False], "what it was last"
+
+
+def test_brakes_have_the_power_of_the_carried_arm_as_long_as_its_io_lives(rings: dict[str, Inputs], look: Any) -> None:
+    assert look(MS)[1].tolist() == [True, False, False, True], "others do not depend on an io"
+    rings["IO1"].amps_on[0] = rings["IO2"].amps_on[1] = True
+    assert look(MS)[1].tolist() == [True] * 4
+    rings["IO1"].stamp_ns = 61 * MS
+    assert look(61 * MS)[1].tolist() == [True, True, False, True], "this io is silent for 60 ms"
 
 
 class Mailbox:
@@ -63,13 +94,9 @@ class Mailbox:
 
 
 def test_brakes_are_let_go_by_the_io_that_has_them_and_by_no_other() -> None:
-    def io(*rows: tuple[str, str]) -> Any:
-        return SimpleNamespace(digital_outputs=[SimpleNamespace(set_by=set_by, robot=robot) for set_by, robot in rows])
-
-    ios = {"IO1": io(("", ""), ("setup_brake", "PSM1_robot")), "IO2": io(("lift", "PSM2"))}
-    arms = [SimpleNamespace(name=name, io=place, robot=robot) for name, place, robot in (
-        ("PSM1", "IO1", "PSM1_robot"), ("PSM2", "IO2", "PSM2"))]
-    node: Any = SimpleNamespace(document=SimpleNamespace(arms=arms, io=ios.__getitem__))
+    ios = {"IO1": io_with("PSM1_robot"), "IO2": io_with()}
+    node: Any = SimpleNamespace(
+        document=SimpleNamespace(arms=[arm("PSM1", "IO1"), arm("PSM2", "IO2")], io=ios.__getitem__))
     cart: Any = SimpleNamespace(arms=[SimpleNamespace(carries=name) for name in ("PSM1", "PSM2", "PSM3")])
     mailboxes: Any = {}
     let_go = brakes(node, cart, lambda name: mailboxes.setdefault(name, Mailbox()))

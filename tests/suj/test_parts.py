@@ -17,10 +17,11 @@ from tests.io.harness import FakeCommand
 from tests.suj.harness import SetupHarness, system_of
 from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.suj import bluetooth
+from trocar.procs.suj.buttons import CLUTCH_COMMAND_NS
 from trocar.procs.suj.classic import Classic, SetupArmBrakes
 from trocar.procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
 from trocar.procs.suj.pots import CLASSIC_LIMITS, Potentiometers
-from trocar.procs.suj.si import CLUTCH_COMMAND_NS, EmulatedBoards, Si, counts
+from trocar.procs.suj.si import EmulatedBoards, Si, counts
 
 STEP_NS = 666_667
 
@@ -140,11 +141,12 @@ class PotBoards(EmulatedBoards):
 @pytest.fixture
 def si(tmp_path) -> SetupHarness:
     cart: Cart = system_of(tmp_path, SI, boards="emulated", folder="dvrk-site/jhu-daVinci-Si").cart("SUJ")
-    link, pressed = PotBoards(cart), np.zeros(4, dtype=bool)
+    link, pressed, powered = PotBoards(cart), np.zeros(4, dtype=bool), np.ones(4, dtype=bool)
     asked: list[tuple[int, bool]] = []
     harness = SetupHarness(cart, lambda cart, setups, reports, field, _: Si(
-        cart, setups, link, reports, field, lambda now: pressed, lambda place, on: asked.append((place, on))))
-    harness.link, harness.pressed, harness.asked = link, pressed, asked
+        cart, setups, link, reports, field, lambda now: (pressed, powered),
+        lambda place, on: asked.append((place, on))))
+    harness.link, harness.pressed, harness.powered, harness.asked = link, pressed, powered, asked
     return harness
 
 
@@ -237,6 +239,27 @@ def test_a_clutch_command_has_io_let_si_brakes_go_again_and_again_for_a_minute(s
     si.pressed[row] = True
     si.step(ms=20.0)
     assert si.asked == [], "buttons are io's own"
+
+
+@pytest.mark.parametrize("loss", ["of the arm", "of the setup joints"])
+def test_a_loss_of_power_ends_the_clutch_of_an_si_arm_by_command(si: SetupHarness, loss: str) -> None:
+    si.ask("state_command", "enable")
+    si.ask("clutch", "PSM1", 1.0)
+    run(si, 0.1)
+    row = si.row("PSM1")
+    assert si.field("clutched")[row] and si.asked
+    if loss == "of the arm":
+        si.powered[row] = False
+        assert si.ask("clutch", "PSM1", 1.0).outcome == "refused", "nor does a new one wait for power"
+        si.powered[row] = True
+    else:
+        si.step(*(FakeCommand("state_command", word) for word in ("disable", "enable")))
+        assert si.field("sub_state").item() == b"ENABLED"
+    si.asked.clear()
+    run(si, 0.1)
+    assert not si.asked and not si.field("clutched").any()
+    assert si.reports.of("warning") == ["PSM1: clutched by command until power went off; its brakes hold"]
+    assert si.ask("clutch", "PSM1", 1.0).outcome == "done"
 
 
 def test_si_brakes_are_the_arms_own(si: SetupHarness) -> None:

@@ -6,7 +6,9 @@ import pytest
 
 from tests.io.harness import FakeCommand
 from tests.suj.harness import FakeSetupReports
+from trocar.procs.node.fault_report import NO_FAULT, FaultReport
 from trocar.procs.suj.machine import SetupPower, SetupState, SetupStates
+from trocar.procs.tables.codes import POWER_LOST
 
 
 class FakePower(SetupPower):
@@ -14,7 +16,7 @@ class FakePower(SetupPower):
 
     def __init__(self) -> None:
         self.log: list[str] = []
-        self.there, self.wrong = False, ""
+        self.there, self.wrong = False, NO_FAULT
 
     def on(self, now_ns: int) -> None:
         self.log.append("on")
@@ -25,7 +27,7 @@ class FakePower(SetupPower):
     def is_on(self) -> bool:
         return self.there
 
-    def problem(self, now_ns: int, *, powering: bool) -> str:
+    def problem(self, now_ns: int, *, powering: bool) -> FaultReport:
         return self.wrong
 
 
@@ -96,12 +98,13 @@ def test_trouble_is_a_fault_with_its_reason(state: SetupState) -> None:
     if state is SetupState.ENABLED:
         bench.power.there = True
         bench.machine.step(1)
-    bench.power.wrong = "detected power loss"
+    bench.power.wrong = FaultReport(POWER_LOST, "SUJ, board 12: motor power went off", 1, 12, 3.0, 4.0)
     bench.machine.step(2)
     assert bench.machine.state is SetupState.FAULT and bench.power.log[-1] == "off"
-    assert bench.reports.of("error") == ["SUJ: detected power loss"]
+    assert bench.reports.of("error") == [bench.machine.waits] == ["SUJ, board 12: motor power went off"]
+    assert bench.reports.faults == [("power-lost", 1, 12, 3.0, 4.0)]
     assert request.outcome == ("failed" if state is SetupState.POWERING else "done")
-    bench.power.wrong = ""
+    bench.power.wrong = NO_FAULT
     bench.say("enable")
     assert bench.machine.state is SetupState.ENABLED if bench.power.there else SetupState.POWERING
 
@@ -137,7 +140,7 @@ def test_every_change_is_published() -> None:
     bench.machine.step(1)
     assert [row[:2] for row in bench.reports.states if row[0] == "ENABLED"], bench.reports.states
     bench.reports.states.clear()
-    bench.machine.fault("a test")
+    bench.machine.fault(FaultReport(POWER_LOST, "a test"))
     assert [row[0] for row in bench.reports.states] == ["FAULT"]
 
 

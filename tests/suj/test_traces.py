@@ -56,7 +56,7 @@ class CartPlay:
         count = len(self.cart.arms)
         self.state, self.setpoint = FakeMemory(SUJ_STATE, setups=count), FakeMemory(SUJ_SETPOINT)
         self.io, self.link = FakeCartIo(self.log), FakePotLink(self.cart)
-        self.pressed = np.zeros(count, dtype=bool)
+        self.pressed, self.powered = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
         self.tips = [FakeRing() for _ in self.cart.arms]
         self.alive = [True] * count
         for place, ring in enumerate(self.tips):
@@ -81,7 +81,7 @@ class CartPlay:
         tips = [CarriedTip(arm.carries, Input(ring, SETUP_LATE_S))  # type: ignore[arg-type]
                 for arm, ring in zip(self.cart.arms, self.tips, strict=True)]
         made = source or (Si(self.cart, setups, self.link, reports, field,  # type: ignore[arg-type]
-                             lambda now_ns: self.pressed, self.let_go) if self.kind == SI else None)
+                             lambda now_ns: (self.pressed, self.powered), self.let_go) if self.kind == SI else None)
         self.joints = SetupJoints(self.cart, field, setups, made, reports, tips, LoggedCell(self.log),
                                   self.io.on_behalf)
 

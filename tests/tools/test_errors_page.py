@@ -19,7 +19,8 @@ from trocar.tools.pages.generated import keep
 ROOT = errors_page.PAGE.parent.parent
 NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
 # Who tells what is not named in the folder of a kind.
-ELSEWHERE = {"fault_report.py": "arm", "filters.py": "filters", "node": "any", "client": "third_party"}
+ELSEWHERE = {"fault_report.py": "arm, suj", "io_faults.py": "arm, suj", "filters.py": "filters", "node": "any",
+             "client": "third_party"}
 
 
 def used() -> dict[str, set[str]]:
@@ -32,7 +33,8 @@ def used() -> dict[str, set[str]]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
             if name in NAMES:
-                found.setdefault(name, set()).add(ELSEWHERE.get(path.name, ELSEWHERE.get(room, room)))
+                kinds = ELSEWHERE.get(path.name, ELSEWHERE.get(room, room))
+                found.setdefault(name, set()).update(kinds.split(", "))
     return found
 
 
