@@ -25,6 +25,11 @@ STOP = "emergency_stop"
 KILLED = ("IO1", "boards", "MTMR", "PSM1", TELEOP, "console", "system")
 
 
+def named(status: str) -> list[str]:
+    """The commands at the end of what is to be done first, or next; `status` in one line."""
+    return re.findall(r"trocar (home(?: [A-Z]+\d?)*)", re.split("first: |next: ", status)[-1])
+
+
 class RunningDemo:
     """`trocar demo` as a person starts it, looked at from outside."""
 
@@ -61,17 +66,11 @@ class RunningDemo:
         said = self.robot.types("status")
         return " ".join(f"{said.stdout} {said.stderr}".split())
 
-    def named(self) -> list[str]:
-        """The commands at the end of what is to be done first."""
-        return re.findall(r"trocar (home[^.;]*)", self.status().partition("first: ")[2])
-
     def recover(self) -> None:
         """Type what status says until all is well; then ask for teleoperation."""
         for _ in range(3):
-            wait_for(lambda: self.named() or "all well" in self.status(), LONG_S, "a remedy is named")
-            if not self.named():
-                break
-            for words in self.named():
+            wait_for(lambda: named(self.status()) or "all well" in self.status(), LONG_S, "a remedy is named")
+            for words in named(self.status()):
                 self.robot.trocar(*words.split(), timeout=LONG_S)
         assert "all well" in self.status(), self.status()
         self.robot.trocar("send", "console", "teleop_enable", "1")

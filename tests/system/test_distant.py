@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import math
 from typing import Any
 
@@ -75,6 +76,11 @@ def test_a_script_sees_the_same_from_elsewhere(robot: Robot) -> None:
             assert arm.is_homed()
             system.power_off()
             assert arm.is_disabled()
+    logs = ("logs", "PSM1", "--commands", "-n", "200")
+    asked = [json.loads(line) for line in robot.trocar(*logs, "--json").splitlines()]
+    refused = max(k for k, row in enumerate(asked) if row["outcome"] == "refused" and "finite" in row["reason"])
+    assert asked[refused]["command"] == "move_jr" and asked[-1]["command"] != "move_jr" and refused < len(asked) - 5
+    assert "finite" in robot.trocar(*logs)
     for one, other in zip(elsewhere, here, strict=True):
         assert np.array_equal(one, other, equal_nan=True) if isinstance(one, np.ndarray) else one == other
     with trocar.system(at=at, timeout=60.0):  # so that the bridge stays

@@ -179,12 +179,18 @@ def test_homings_that_fail_again_do_not_push_out_what_they_came_of(robot: Robot)
     for _ in range(3):
         seen = {named(robot), ""}
         assert robot.types("home", "--timeout", "20").returncode == 1, "the emergency stop is still pressed"
+        assert named(robot) not in seen - {""}, "right after the fault, a file of an older one is named"
         wait_for(partial(_names_another, robot, seen), 120, "status names the file of this fault, and no other")
+        wait_for(lambda: _faults(robot)[0]["path"] == named(robot), 30, "it is the newest")
     wait_for(lambda: [row["path"] for row in _faults(robot)] == [named(robot), first], 30, "the others are removed")
     rows = _faults(robot)
     assert [row["first"] for row in rows] == [False, True]
     assert all(row["code"] and "is in FAULT" not in row["reason"] for row in rows), rows
     assert rows[1]["code"] in robot.trocar("recordings", "fault")
+    robot.trocar("send", "boards", "emergency_stop", "0")
+    robot.home()
+    robot.trocar("record", "after", "PSM1/state", "--for", "0.5", code=None)  # what it was asked before is done
+    assert _faults(robot) == rows, "leaving FAULT is no fault"
 
 
 def _faults(robot: Robot) -> list[dict[str, Any]]:

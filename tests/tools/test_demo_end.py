@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import json
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from typer.testing import CliRunner
 
+from tests.conftest import World
+from tests.tools.robot import robot
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools import cli
 from trocar.tools.output.errors import Problem
+from trocar.tools.systems.supervising import Background
 from trocar.tools.verbs import demo
 from trocar.tools.verbs.demo import MOST, _draw, judged
 
@@ -62,3 +65,19 @@ def test_a_demo_that_is_stopped_from_outside_says_so(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(demo, name, lambda *_, **__: gone())
     result = CliRunner().invoke(cli.build("demo"), ["demo", "--json"])
     assert result.exit_code == 1 and json.loads(result.stdout)["problems"] == [demo.STOPPED]
+
+
+def test_a_demo_whose_system_is_now_another_one_of_its_name_reports_and_powers_off_nothing_of_that(
+        world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    background = Background.__new__(Background)
+    background.system, background.popen = world.name, cast(Any, SimpleNamespace(pid=1, returncode=0))
+    asked: list[object] = []
+    monkeypatch.setattr(demo, "up_meanwhile", lambda *_: contextlib.nullcontext(background))
+    for name in ("web_addresses", "_bring_up"):
+        monkeypatch.setattr(demo, name, lambda *_: [])
+    monkeypatch.setattr(demo, "_operate", lambda *_: {"problems": ["PSM1: a fault of the next one", "PSM1 is silent"]})
+    monkeypatch.setattr(demo, "bring_all", lambda *values, **_: asked.append(values))
+    with robot(world.name) as next_one:
+        assert next_one.pages["supervisor"].state == "RUNNING"
+        result = CliRunner().invoke(cli.build("demo"), ["demo", "--json", "--system", world.name])
+    assert result.exit_code == 1 and json.loads(result.stdout)["problems"] == [demo.STOPPED] and not asked

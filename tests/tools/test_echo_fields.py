@@ -14,7 +14,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from tests.tools.robot import ScriptedRobot, robot
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.system_time import SystemTime
 from trocar.tools import cli
+from trocar.tools.inspect.replayed import clock_in_words
 
 APP = cli.build()
 
@@ -115,3 +118,24 @@ def test_hz_of_a_field_counts_its_changes(played: ScriptedRobot, monkeypatch: py
     assert run(played, "hz", "PSM1/measured_js.nothing").exit_code == 2
     table = run(played, "hz", "PSM1/state", "--csv", "-").stdout.splitlines()
     assert table[0].startswith("topic,records,") and table[1].startswith("PSM1/state,4,1500.0,")
+
+
+def test_the_age_beside_a_dead_writer_is_at_least_that_of_its_last_heartbeat(played: ScriptedRobot) -> None:
+    age = re.compile(r"age ([\d.]+) (ms|s)")
+    played.pages["PSM1"].field("heartbeat_ns")[...] = monotonic_ns() - 20_000_000_000
+    played.show_arm(0.25)
+    found = age.search(run(played, "echo", "PSM1/state", "--once").stdout)
+    assert found is not None and found[2] == "ms", "it lives, and its record is new"
+    played.arm.close()
+    found = age.search(run(played, "echo", "PSM1/state", "--once").stdout)
+    assert found is not None and found[2] == "s" and 20.0 <= float(found[1]) < 100.0
+
+
+def test_the_clock_has_a_speed_only_beside_a_supervisor_that_lives(
+        played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    with SystemTime(played.name) as time:
+        monkeypatch.setattr(time, "clock", "paced")
+        monkeypatch.setattr(SystemTime, "simulated", True)
+        assert "of real time" in clock_in_words(played.name, time)
+        played.pages["supervisor"].close()
+        assert clock_in_words(played.name, time) == "paced"

@@ -1,7 +1,7 @@
 """The demo's hand at a whole system in this process: it lets go by a fault, and works again when it is asked to.
 
-Each row breaks what docs/operating.md says that may break while the slave follows, and hands mend it. The remedy of
-that page is homing, then teleoperation.
+Each row breaks what docs/operating.md says that may break while the slave follows, and hands mend it. Then what
+`trocar status` names is typed, until all is well, and an operator enables teleoperation again.
 """
 
 from __future__ import annotations
@@ -12,15 +12,23 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import pytest
+from typer.testing import CliRunner, Result
 
 from tests.host.hosted import document
+from tests.system.test_demo_faults import named
 from trocar.procs.host.host import Host
 from trocar.procs.machine.paths import ROOT
 from trocar.shm.mailbox.client import Client
+from trocar.shm.time.clock import sleeping_by
+from trocar.tools import cli
 from trocar.tools.examples.hand import Hand, figure_eight
 from trocar.tools.examples.operator_sim import OperatorSim
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.inspect.standing import in_a_line, standings
 
+APP = cli.build()
 BEAT_S, LONG_S = 0.01, 60.0
+REMEDIES = 3
 HEADINGS = ("faults of a robot", "faults of boards and buses", "faults on the way")
 
 
@@ -73,7 +81,7 @@ class HostedDemo:
         self.host, self.seat = host, OperatorSim(host.name, "console")
         self.teleop = self.seat.teleops[0]
         self.hand = Hand(host.name, self.seat, self.teleop)
-        self.clients = {name: host.client(name) for name in ("boards", "console", "system")}
+        self.clients = {name: host.client(name) for name in ("boards", "console")}
         self._beats = 0
 
     def beat(self) -> None:
@@ -117,9 +125,30 @@ class HostedDemo:
         numbers = [float(each) for each in rest if re.fullmatch(r"-?[\d.]+", each)]
         self.asks("boards", word, *numbers, text=" ".join(each for each in rest if not re.fullmatch(r"-?[\d.]+", each)))
 
+    def types(self, *words: str) -> Result:
+        """A verb; meanwhile the hand goes on."""
+        with sleeping_by(lambda seconds: self.passes(max(BEAT_S, seconds))):
+            return CliRunner().invoke(APP, [*words, "--system", self.host.name])
+
+    def status(self) -> str:
+        """The last line of `trocar status`, once it names a remedy or says that all is well."""
+        seen = [""]
+
+        def is_clear() -> bool:
+            processes = statuses(self.host.name)
+            seen.append(in_a_line(processes, standings(self.host.name, processes)))
+            return bool(named(seen[-1])) or "all well" in seen[-1]
+
+        self.until(is_clear, "a remedy is named")
+        return seen[-1]
+
     def recover(self) -> None:
-        """An operator's two commands."""
-        self.asks("system", "home")
+        """Type what status names until it names nothing; then ask for teleoperation."""
+        for _ in range(REMEDIES):
+            for words in named(self.status()):
+                done = self.types(*words.split())
+                assert done.exit_code == 0, f"trocar {words}: {done.output}"
+        assert not named(self.status()), self.status()
         self.asks("console", "teleop_enable", 1.0)
         self.until(lambda: self.teleop.is_following, "it follows again")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -166,6 +167,25 @@ def test_show_marks_what_is_not_as_in_the_file(ring: RingWriter) -> None:
     assert rows[3]["p_gain"] == 2.5 and rows[3]["robot"] == "PSM1" and rows[3]["io"] == "IO1"
     text = run("show", "PSM1").output
     assert "2.5*" in text and "3 roll" in text
+
+
+def test_save_names_axes_and_gains_as_show_does(tmp_path: Path) -> None:
+    file = tmp_path / "mine.json"
+    row = {"type": "REVOLUTE", "p_gain": 120, "d_gain": 0.1, "i_gain": 0}
+    file.write_text(json.dumps({"$id": "saw-controllers-pid.schema.json", "$version": "1", "pid": [
+        {"index": k, "name": name, **row} for k, name in enumerate(("yaw", "wrist pitch", "jaw"))]}))
+    first, second, third = rows_of(file)
+    found = in_use(file, (first, changed(second, ["p_gain", "use_disturbance_observer"], [7.0, 1.0], running=False),
+                          changed(third, ["d_gain"], [0.3], running=False)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("trocar.tools.verbs.pid.present", lambda *_: [found])
+        patch.setattr("trocar.tools.verbs.pid.chosen_system", lambda *_: "")
+        patch.setenv("COLUMNS", "1000")
+        shown, saved = run("show").stdout.splitlines(), run("save", "R", str(tmp_path / "new.json"))
+    columns = [" ".join(name.split()) for name in re.split(r"  +", shown[1].strip())]
+    stars = {f"{axis} {line.split()[0]}" for line in shown[2:] if "*" in line
+             for axis, cell in zip(columns, line.split()[1:], strict=True) if cell.endswith("*")}
+    assert stars and stars == set(saved.stdout.strip().rpartition(": ")[2].split(", "))
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])

@@ -18,9 +18,12 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from tests.conftest import World
+from tests.recordings.made import FACTS, a_recording
 from tests.tools.robot import ScriptedRobot, robot
+from trocar.procs.recordings import names
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools import cli
+from trocar.tools.analysis.places import folder_of
 from trocar.tools.output import printing
 from trocar.tools.output.printing import fitting
 from trocar.tools.output.tables import table_lines
@@ -63,6 +66,10 @@ def played(world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
         made.arm.field("reason")[...] = REASON.encode()[:200]
         made.show_arm(-0.123456789, "FAULT")
         made.restarted(123456, "killed by SIGKILL")
+        folder = folder_of(made.name)
+        folder.mkdir(parents=True)
+        monkeypatch.setitem(FACTS, names.SYSTEM, {"kind": names.FAULT, names.CODE: "tracking", "reason": REASON})
+        a_recording(folder, name="fault-20260101T101010Z.mcap")
         yield made
 
 
@@ -72,8 +79,9 @@ def printed(words: list[str], width: int, monkeypatch: pytest.MonkeyPatch) -> li
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("words", [("status",), ("list",), ("list", "-v"), ("echo", "PSM1/state", "--once"),
-                                   ("echo", "PSM1/measured_js", "--once"), ("send", "PSM1")], ids=" ".join)
+@pytest.mark.parametrize("words", [
+    ("status",), ("list",), ("list", "-v"), ("recordings",), ("echo", "PSM1/state", "--once"),
+    ("echo", "PSM1/measured_js", "--once"), ("send", "PSM1")], ids=" ".join)
 def test_no_word_of_a_verb_is_cut_at_any_width(words: tuple[str, ...], width: int, played: ScriptedRobot,
                                                monkeypatch: pytest.MonkeyPatch) -> None:
     asked = [*words, "--system", played.name]
@@ -93,6 +101,21 @@ def test_the_line_of_the_demo_begins_with_what_is_in_fault(played: ScriptedRobot
         played.show_arm(state="ENABLED")
         parts, why = _state(played.name, teleop, time)
         assert parts[0] == "PSM1 follows MTMR" and not why
+
+
+@pytest.mark.parametrize("reason", ["", "waiting: pinch or twist the gripper to match the jaw; " * 20])
+@pytest.mark.parametrize("state", ["FAULT", "ENABLED"])
+def test_the_line_of_the_demo_says_within_80_columns_what_the_teleoperation_does(
+        state: str, reason: str, played: ScriptedRobot) -> None:
+    played.show_arm(state=state)
+    for is_following, does in ((True, "PSM1 follows MTMR"), (False, "MTMR_PSM1 is ALIGNING_MTM")):
+        teleop: Any = SimpleNamespace(slave="PSM1", masters=["MTMR"], is_following=is_following, shown_state=does,
+                                      value=lambda name: [0.1] * 7, reported=f"MTMR_PSM1 is ALIGNING_MTM: {reason}")
+        with SystemTime(played.name) as time:
+            parts, why = _state(played.name, teleop, time)
+        line = fitting(["12345 s of 36000 s", *parts], 79)
+        assert does in line and ("FAULT: PSM1" in line) is (state == "FAULT") and "pinch" not in line
+        assert why == ("" if is_following else teleop.reported) or state == "FAULT"
 
 
 @given(st.lists(TEXTS), st.sampled_from(WIDTHS))

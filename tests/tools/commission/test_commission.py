@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
+from tests.tools.test_tables import assert_fits, words_of
 from trocar.procs.config import PROJECT_CONFIGS
 from trocar.shm.memory.segment import Identity
 from trocar.tools.cli import build
@@ -82,6 +83,16 @@ def test_all_stages_run_in_order_and_are_reported(kinematic) -> None:
     ran.clear()
     assert "all stages have passed" in _run().output
     assert ran == []
+
+
+def test_the_list_of_stages_fits_80_columns_with_every_word(kinematic, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _run().exit_code == 0
+    monkeypatch.setenv("COLUMNS", "1000")
+    whole = _run("--list").stdout.splitlines()
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = _run("--list").stdout.splitlines()
+    assert {*words_of(lines)} == {*words_of(whole)} >= {"passed", *NAMES}
+    assert_fits(lines, 80)
 
 
 def test_a_rehearsal_is_in_simulated_time_but_where_a_watchdog_is_measured(kinematic) -> None:
