@@ -115,7 +115,7 @@ class SetupBrake:
     let_go: bool = False
     pressed: bool = False
     powered: bool = False
-    counts: bool = False  # neither the buttons nor a command held it at some time since power-on
+    counts: bool = False  # since power-on, buttons and command were inactive at least once
     until_ns: int = 0  # end of a command
 
 

@@ -1,6 +1,6 @@
 """KINEMATIC robots: no boards, no motors; every actuator follows its setpoint at once and exactly.
 
-What io sees is a port with a board for each robot, and samples, so all else of io is the same. Power, relays and
+To the rest of io, they are a port with one board per robot, and samples; no other code differs. Power, relays and
 amplifiers are as commanded, encoders are always set, no sample is missed, and:
 
     power on      puts the joints to 0, as in the reference
@@ -50,7 +50,7 @@ def kinematic_io(context: IoContext) -> RobotIo:
 
 
 class KinematicHalves(Halves):
-    """Both halves without encoding and decoding: samples are written as what they are, commands are read so."""
+    """Both halves without encoding and decoding: samples and commands are passed as values."""
 
     def __init__(self, parts: Parts, context: IoContext, uses: tuple[int, float, float]) -> None:
         """See `Halves`."""

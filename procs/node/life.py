@@ -24,9 +24,9 @@ LOOP_FAILED: Final = 4
 
 
 def arguments(kind: str) -> argparse.Namespace:
-    """Parse the arguments of every process, its system and name, and begin its log, which has each line at once.
+    """Parse the arguments that all processes have, system and name, and open the log, which is not buffered.
 
-    From now on this name is that of its commands, too.
+    From then on, commands of the process carry this name.
     """
     parser = argparse.ArgumentParser(prog=kind, description=f"One {kind}, started by trocar up.")
     parser.add_argument("--system", required=True)

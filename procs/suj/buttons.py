@@ -1,7 +1,7 @@
 """Buttons of setup arms and of the lift, and the commands that act like them, under one rule.
 
-Without power neither has an effect, nor does it wait for power: a button has to be seen released with power first, and
-a command ends at once when the power goes.
+Without power, neither has an effect, then or later: after power-on, a button must first be released, and a loss of power
+ends a command at once.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Flags = NDArray[np.bool_]
 
 
 class SetupButtons:
-    """One for each setup arm, and more behind them, such as the lift's.
+    """States of buttons: one for each setup arm, followed by others, e.g. the lift's.
 
     As of the last `step`: `held` (n,), pressed or by command; `by_command` (n,); `acts` (n,), held and has an effect;
     `stuck` (n,), pressed when power came.
@@ -43,7 +43,7 @@ class SetupButtons:
         self.stuck: Flags = np.zeros(n, dtype=bool)
 
     def command(self, place: int, until_ns: int) -> None:
-        """Hold one until then; 0: no longer."""
+        """Act like a pressed button until `until_ns`; 0: end the command."""
         if until_ns and not self._powered[place]:
             raise CommandRefused("it has no power; power on first")
         self._until_ns[place] = until_ns
@@ -65,7 +65,7 @@ class SetupButtons:
         self.acts = self.held & (self._counts | self.by_command)
 
     def cut(self) -> None:
-        """Power is off, if only between two steps."""
+        """End all commands: power is off, or was off between two steps."""
         for place in np.flatnonzero(self._until_ns).tolist():
             self._end(place, POWER_OFF)
         self._counts.fill(False)

@@ -175,7 +175,7 @@ BIAS_CHANGED: Final = Code(
     "trocar home NAME; trocar logs --commands shows which program did so")
 IO_SWITCH: Final = Code(
     "io-switch", ERROR, "arm", "io did not carry out a request in time",
-    "remove the reason that io names here or in its log; then trocar home NAME")
+    "fix the cause given here or in the log of io, then trocar home NAME")
 BIAS_TIMEOUT: Final = Code(
     "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
     "check the potentiometers' values")
@@ -241,7 +241,7 @@ STREAM_JUMP: Final = Code(
     "stream from where the arm is (setpoint), or use move_jp, move_cp")
 STREAM_REFUSED: Final = Code(
     "stream-refused", WARNING, "arm", "goals were refused: the stream was stopped, or another program is streaming",
-    "the message says it: pause for 0.5 s, or stop the other program's stream first (hold)")
+    "pause for 0.5 s, or first stop the other program's stream (hold); the message says which")
 SPEED_LIMITED: Final = Code(
     "speed-limited", WARNING, "arm", "a stream exceeds the maximum speed of a joint; the arm lags behind it",
     "stream goals that are closer together")

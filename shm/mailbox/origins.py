@@ -52,7 +52,7 @@ class Acting:
 
     origin: Origin | None = None
     system: str = ""
-    """Whose operator it is: in other systems the origin counts as nobody's. Empty: of every system."""
+    """The system in which `origin` is valid; in others, commands are unauthorized. Empty: valid in every system."""
     process: str = ""
     """Name of the process in its system, if the supervisor has started it."""
 

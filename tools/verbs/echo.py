@@ -231,7 +231,10 @@ def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
 
 
 def _age(source: OpenTopic) -> str:
-    """Of the record; after the writer's death at least the time since its last heartbeat: the system's may stand."""
+    """Age of the record; if its writer has ended, at least the time since the writer's last heartbeat.
+
+    The system's time may have stopped since.
+    """
     age_s = max(source.age_s, (silence_s(source.system, source.entry.instance) or 0.0) if source.problem() else 0.0)
     return f"{age_s * 1e3:.1f} ms" if age_s < 1.0 else span(age_s)
 

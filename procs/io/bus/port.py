@@ -1,7 +1,7 @@
 """Boards as io sees them: rows of their newest sample and of their next commands, and single registers.
 
-Here, they are memory: every read and write succeeds at once, and registers keep what is written to them. KINEMATIC
-robots need no more (procs/io/kinematic.py). `BusPort` has the same of a bus.
+This class keeps them in memory: every read and write succeeds at once, and registers keep what is written to them.
+KINEMATIC robots need no more (procs/io/kinematic.py). `BusPort` does the same for boards on a bus.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from trocar.procs.io.bus.link import Counters, Quads
 
 
 class Port:
-    """Boards, and a read and a write of all a cycle. `board_ids` may come in any order; array rows are the boards in
+    """Boards, all of which are read and written once a cycle. `board_ids` may come in any order; array rows are the boards in
     ascending id.
     """
 
