@@ -1,7 +1,7 @@
 """Buttons of setup arms and of the lift, and the commands that act like them, under one rule.
 
-Without power, neither has an effect, then or later: after power-on, a button must first be released, and a loss of power
-ends a command at once.
+Without power, neither has an effect, then or later: after power-on, a button must first be released, and a loss of
+power ends a command at once.
 """
 
 from __future__ import annotations

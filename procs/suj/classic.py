@@ -140,7 +140,7 @@ class Classic(SetupPower):
         if not board.io_answers(now_ns):
             return FaultReport(codes.IO_TIMEOUT, "io does not answer")
         if board.epoch != self._driving_epoch:
-            return FaultReport(codes.IO_RESTARTED, "io was restarted")
+            return FaultReport(codes.IO_RESTARTED, board.io_stall(board.record_ns) or codes.IO_RESTARTED.cause)
         if board.has_fault and (not powering or now_ns - self._asked_ns > OLD_FAULT_NS):
             return board.fault_report(board.fault)
         if powering:

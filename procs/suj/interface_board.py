@@ -62,12 +62,13 @@ class InterfaceBoard:
 
     def __init__(self, io: IoConfig, robot: str, records: RingReader, orders: IoMailbox,
                  fault_report: Callable[[int], FaultReport] = reported,
-                 power_report: Callable[[], FaultReport] = power_lost) -> None:
+                 power_report: Callable[[], FaultReport] = power_lost,
+                 io_stall: Callable[[int], str] = lambda since_ns: "") -> None:
         """`robot` is the cart's in `io`; `fault_report` gives io's report of its latched fault, `power_report` that of
-        a loss of power.
+        a loss of power, `io_stall` that of a stall after which io restarted (empty: none).
         """
         self.robot, self._records, self._orders = robot, records, orders
-        self.fault_report, self.power_report = fault_report, power_report
+        self.fault_report, self.power_report, self.io_stall = fault_report, power_report, io_stall
         places = [r.name for r in io.robots]
         place = places.index(robot)
         first = sum(len(r.actuators) for r in io.robots[:place])

@@ -33,12 +33,14 @@ class SetupJoints:
 
     def __init__(self, cart: Cart, field: Fields, setups: Setups, source: Classic | Si | None, reports: Events,
                  tips: Sequence[CarriedTip | None], faults: OwnCell | None = None,
-                 on_behalf: Callable[[Origin], None] | None = None) -> None:
+                 on_behalf: Callable[[Origin], None] | None = None, stall: str = "") -> None:
         """`field` gives the arrays of the record, which may still hold the values of the previous process.
 
         `source` measures the arms' positions, None: not measured; `tips` are those of the carried arms, None: none
         there. `faults`: commands given before a fault are void; `on_behalf` receives the origin of each command.
+        `stall`: after which the process restarted; empty: it was started.
         """
+        self._restart = stall or "the process was restarted"
         self._cart, self._setups, self._source, self._tips = cart, setups, source, tips
         classic = source if isinstance(source, Classic) else None
         self._classic = classic
@@ -101,10 +103,10 @@ class SetupJoints:
                 self.machine.begin(SetupState.ENABLED, self._was_homed, now_ns)
                 return
             if before == SetupState.FAULT:
-                self.machine.reason = "the process was restarted; there was a fault before"
+                self.machine.reason = f"{self._restart}; there was a fault before"
             else:
                 found = UNFINISHED if classic.is_powered else classic.problem(now_ns, powering=False)
-                self.machine.report(replace(found, text=f"{found.text}; the process was restarted"))
+                self.machine.report(replace(found, text=f"{found.text}; {self._restart}"))
             self.machine.begin(SetupState.FAULT, False, now_ns)
 
     def _heard(self, request: Request) -> Request:

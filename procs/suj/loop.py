@@ -12,7 +12,7 @@ from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.cart import CLASSIC, SI, Cart, CartArm
 from trocar.procs.node import runtime
 from trocar.procs.node.inputs import SETUP_LATE_S
-from trocar.procs.node.io_faults import fault_reports, power_reports
+from trocar.procs.node.io_faults import fault_reports, io_stalls, power_reports
 from trocar.procs.suj.bluetooth import BluetoothBoards
 from trocar.procs.suj.buttons import Flags
 from trocar.procs.suj.classic import Classic
@@ -97,11 +97,11 @@ class SetupLoop(runtime.Loop):
         field, setups = self._state.field, Setups(cart, self._state.field)
         source: Classic | Si | None = None
         if cart.kind == CLASSIC and cart.io:
-            io, records = node.document.io(cart.io), node.reads(cart.io, "state")
+            io, records, events = node.document.io(cart.io), node.reads(cart.io, "state"), node.reads(cart.io, "events")
             robot = [row.name for row in io.robots].index(cart.robot)
             board = InterfaceBoard(io, cart.robot, records, self._mailbox_of(cart.io),
-                                   fault_reports(lambda: records.stamp_ns, node.reads(cart.io, "events"), cart.robot),
-                                   power_reports(records.field, io, robot))
+                                   fault_reports(lambda: records.stamp_ns, events, cart.robot),
+                                   power_reports(records.field, io, robot), io_stalls(events, cart.io))
             self._written = board.write_ns
             node.follows(cart.io)
             source = Classic(cart, setups, board, node.events, field, self._setpoint.field)
@@ -111,7 +111,7 @@ class SetupLoop(runtime.Loop):
                         brakes(node, cart, self._mailbox_of))
         faults = node.fault_cell()
         self._joints = SetupJoints(cart, field, setups, source, node.events, tips(node, cart), faults,
-                                   self._on_behalf)
+                                   self._on_behalf, node.stall)
         self._mailbox = node.mailbox(faults)
 
     def _mailbox_of(self, io: str) -> IoMailbox:

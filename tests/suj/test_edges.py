@@ -155,6 +155,14 @@ def test_what_brakes_need_and_is_gone_is_a_fault_at_once(enabled: QuietCart, bre
     assert not enabled.state_of("brake_current").any()
 
 
+def test_an_io_that_stalled_is_not_said_to_have_been_restarted(enabled: QuietCart) -> None:
+    enabled.io_stall = "IO1 stalled for 0.31 s"
+    enabled.io.restart()
+    enabled.step()
+    enabled.step()
+    assert enabled.joints.machine.reason == enabled.io_stall
+
+
 def test_a_counter_that_stands_still_for_five_seconds_makes_all_unknown(enabled: QuietCart) -> None:
     enabled.run(600)
     assert enabled.state_of("setup_valid").all()

@@ -75,7 +75,9 @@ class CartPlay:
         setups, source = Setups(self.cart, field), None
         self.classic: Classic | None = None
         if self.kind == CLASSIC:
-            board = InterfaceBoard(self.io.document, "SUJ", self.io, self.io)  # type: ignore[arg-type]
+            self.io_stall = ""
+            board = InterfaceBoard(self.io.document, "SUJ", self.io, self.io,  # type: ignore[arg-type]
+                                   io_stall=lambda since_ns: self.io_stall)
             self.classic = source = Classic(self.cart, setups, board, reports, field, self.setpoint.field,
                                             Multiplexer(2, 4 * MS))
         tips = [CarriedTip(arm.carries, Input(ring, SETUP_LATE_S))  # type: ignore[arg-type]

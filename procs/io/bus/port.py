@@ -16,8 +16,9 @@ from trocar.procs.io.bus.link import Counters, Quads
 
 
 class Port:
-    """Boards, all of which are read and written once a cycle. `board_ids` may come in any order; array rows are the boards in
-    ascending id.
+    """Boards, all of which are read and written once a cycle.
+
+    `board_ids` may come in any order; array rows are the boards in ascending id.
     """
 
     exchange: Exchange | None = None
