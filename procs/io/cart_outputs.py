@@ -151,8 +151,9 @@ class SetupBrakes:
         record, name = self._record, self._robots.names[robot]
         pressed, powered = bool(record.input[brake.inputs].any()), bool(record.amps_on[robot])
         held = pressed or now_ns <= brake.until_ns
-        brake.counts = powered and (brake.counts or not held)
-        let_go = held and brake.counts
+        # An amplifier that is off for less than io tolerates ends nothing: io reports no fault of it, either.
+        brake.counts = bool(record.power_requested[robot]) and (brake.counts or (powered and not held))
+        let_go = powered and held and brake.counts
         if pressed and powered and not brake.powered:
             self._reports.warn(codes.CLUTCH_STUCK, name)
         elif pressed and not powered and not brake.pressed:

@@ -25,7 +25,7 @@ from trocar.shm.memory.layout import shorten
 from trocar.shm.system.events import Events
 
 PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
-UNFINISHED: Final = FaultReport(codes.POWER_TIMEOUT, "power-on was not complete, and is no longer requested")
+UNFINISHED: Final = FaultReport(codes.POWER_TIMEOUT, "power-on was not complete")
 
 
 class SetupJoints:
@@ -105,7 +105,7 @@ class SetupJoints:
             if before == SetupState.FAULT:
                 self.machine.reason = f"{self._restart}; there was a fault before"
             else:
-                found = UNFINISHED if classic.is_powered else classic.problem(now_ns, powering=False)
+                found = UNFINISHED if before == SetupState.POWERING else classic.problem(now_ns, powering=False)
                 self.machine.report(replace(found, text=f"{found.text}; {self._restart}"))
             self.machine.begin(SetupState.FAULT, False, now_ns)
 

@@ -25,6 +25,7 @@ from trocar.procs.supervisor.forking import Template
 from trocar.procs.supervisor.gui_token import told
 from trocar.procs.supervisor.listening import AddressTaken
 from trocar.procs.supervisor.supervisor import SetupFailed, Supervisor
+from trocar.shm.mailbox.origins import CONFINED
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import loglines
 
@@ -100,6 +101,7 @@ def _run(system: SystemConfig, chosen: argparse.Namespace, template: Template) -
         log.info("%s", note)
     log.info("clock: %s", CLOCKS[system.clock])
     os.environ["TROCAR_SYSTEM"] = system.name  # connections of its processes that name no system are to this one
+    os.environ.pop(CONFINED, None)  # of the process that has started us
     try:
         with supervised(system, chosen.held, template) as supervisor:
             log.info("system %s: %.1f MB of shared memory", system.name, supervisor.size / 1e6)

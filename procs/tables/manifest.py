@@ -130,7 +130,7 @@ PROCS: tuple[Proc, ...] = (
          ("state", "gains", "instruments"), ("button", "tool_type", "operating_state"),
          lambda system: [ProcessInstance(io.name, io.period_s, ("boards",) if io.port else ()) for io in system.ios],
          sizes.of_io, "io", reserved=0.6, budget_us=300,
-         on_kill="the watchdogs of its boards have switched its amplifiers off"),
+         on_kill="boards whose watchdog is on have switched its amplifiers off"),
     Proc("arm", 1 / 1500, LATE_S, 3.0, "io holds its position; a restart recovers its state",
          ("state", "setpoint"), ("operating_state", "goal_reached"),
          lambda system: [ProcessInstance(arm.name, arm.period_s, (arm.io,)) for arm in system.arms],

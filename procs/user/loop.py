@@ -14,7 +14,7 @@ from trocar.procs.tables.manifest import FILTERS
 from trocar.procs.user.classes import classes_in, module_named
 from trocar.procs.user.filters import FiltersLoop
 from trocar.procs.user.process import UserNode
-from trocar.shm.mailbox.origins import ACTING, NOBODY
+from trocar.shm.mailbox.origins import ACTING
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.control_page import ControlPage
 
@@ -59,8 +59,7 @@ def live(kind: str, own: type[UserNode] | None = None) -> None:
     faulthandler.enable()  # its log shows where it was when the supervisor ends it (SIGABRT), or C code crashes
     chosen = arguments(kind)
     log = logging.getLogger(chosen.name)
-    # No operator has started it: it acts only on commands of operators, and only in the system to which they are given.
-    ACTING.origin, ACTING.system = NOBODY, chosen.system
+    ACTING.confine(chosen.system)  # no operator has started it: it acts only on operators' commands to its system
     try:
         process = (own or found(document_of(chosen.system), chosen.name))(chosen.system, chosen.name)
     except SegmentError as error:  # no such instance, or it is taken

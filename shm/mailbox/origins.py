@@ -14,7 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from trocar.shm.memory import private
+
 PROGRAM_BYTES: Final = 16
+CONFINED: Final = "TROCAR_CONFINED_TO"
+"""Environment variable: the only system for which programs may act that a process of it has started."""
 COUNT = itertools.count(1)
 
 
@@ -56,9 +60,22 @@ class Acting:
     process: str = ""
     """Name of the process in its system, if the supervisor has started it."""
 
+    def __init__(self) -> None:
+        """Programs that a process starts have no more authority than the process has by itself."""
+        if CONFINED in os.environ:
+            self.origin, self.system = NOBODY, os.environ[CONFINED]
+
+    def confine(self, system: str) -> None:
+        """From now on act for no person until one asks, and only in this system; so do programs started from here."""
+        self.origin, self.system = NOBODY, system
+        os.environ[CONFINED] = system
+
     def in_system(self, system: str) -> Origin | None:
-        """The origin of what it does in a system."""
-        return self.origin if self.origin is None or self.system in ("", system) else NOBODY
+        """The origin of its commands in a system. Systems in our own memory, which have no boards, are ours to command.
+        """
+        if self.origin is None or self.system in ("", system):
+            return self.origin
+        return None if private.is_kept(system) else NOBODY
 
 
 ACTING: Final = Acting()

@@ -106,6 +106,16 @@ def test_a_command_that_is_repeated_since_before_power_came_lets_nothing_go_unti
     assert harness.record.output[0]
 
 
+def test_an_amplifier_that_is_off_for_a_moment_ends_no_command(harness: IoHarness) -> None:
+    harness.power()
+    harness.run(50)
+    for off in (False, True, False):
+        harness.ask("setup_brake", 1)
+        harness.port.dead_amps = {(0, 0)} if off else set()
+        harness.run(5)
+        assert harness.record.output[0] is not off
+
+
 def test_they_hold_when_power_goes_while_the_button_is_pressed(harness: IoHarness) -> None:
     harness.power()
     press(harness, 0, True)

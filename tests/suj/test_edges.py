@@ -204,12 +204,14 @@ def test_a_successor_goes_on_where_its_predecessor_was(enabled: QuietCart, befor
     assert not any("power" in line and line.startswith("io <") for line in enabled.log), "power is left as it is"
 
 
-@pytest.mark.parametrize(("flags", "code", "reason"), [
-    ({"power_requested": 0, "powered": 0}, "power-lost", "detected power loss (actuators)"),
-    ({"amps_on": 0}, "power-timeout", "power-on was not complete, and is no longer requested"),
-    ({"fault": 9}, "power-lost", "motor power went off unexpectedly")])
-def test_a_successor_that_finds_less_power_is_in_fault(enabled: QuietCart, flags: dict[str, int], code: str,
-                                                       reason: str) -> None:
+@pytest.mark.parametrize(("before", "flags", "code", "reason"), [
+    (b"ENABLED", {"power_requested": 0, "powered": 0}, "power-lost", "detected power loss (actuators)"),
+    (b"ENABLED", {"pid_enabled": 0}, "pid-off", "the current of the brakes was switched off"),
+    (b"POWERING", {"amps_on": 0}, "power-timeout", "power-on was not complete"),
+    (b"ENABLED", {"fault": 9}, "power-lost", "motor power went off unexpectedly")])
+def test_a_successor_that_finds_less_power_is_in_fault(enabled: QuietCart, before: bytes, flags: dict[str, int],
+                                                       code: str, reason: str) -> None:
+    enabled.state_of("sub_state")[...] = before
     enabled.start()
     write = enabled.io.write
 

@@ -199,7 +199,7 @@ def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Superv
 
 
 @pytest.mark.parametrize(("kind", "more"), [
-    ("gui", ""), ("io", "; the watchdogs of its boards have switched its amplifiers off")])
+    ("gui", ""), ("io", "; boards whose watchdog is on have switched its amplifiers off")])
 def test_the_message_about_a_killed_process_has_the_consequences_of_its_kind(
     world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, kind: str, more: str
 ) -> None:

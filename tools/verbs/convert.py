@@ -49,10 +49,10 @@ def convert(
                                    "dropped": [dataclasses.asdict(change) for change in dropped]}})
     else:
         told = [f"{number} {_WORDS.get(what, what)}" for what, number in counts.items() if number or what in _ALWAYS]
-        if results:
-            tell(f"files: {', '.join(told)}; keys lost: {len(lost)}, dropped: {len(dropped)}")
         if all(result.copies for result in results):
             tell("no file has an old format: none needs a change")
+        if results:
+            tell(f"files: {', '.join(told)}; keys lost: {len(lost)}, dropped: {len(dropped)}")
         for change in lost:
             tell(f"  {change}")
         for what, names in bad.items():
