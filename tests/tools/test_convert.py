@@ -240,7 +240,7 @@ def test_files_that_need_no_change_are_reported_as_such(tmp_path: Path) -> None:
     site.mkdir()
     written(site, '{"a": 1}', "notes.json")
     assert run(site).stdout == unchanged
-    assert run(site, "--to", tmp_path / "new").stdout.endswith(f"dropped: 0\n{unchanged}")
+    assert run(site, "--to", tmp_path / "new").stdout.startswith(unchanged)
     written(site, config(three()), "sawRobotIO1394-PSM1-11111.xml")
     assert unchanged not in run(site).stdout
 
