@@ -45,9 +45,9 @@ def share_of(age_ns: int) -> float:
 class RobotIo:
     """All of io except shared memory. The caller empties `reports.events` after each cycle."""
 
-    def __init__(self, context: IoContext, port: Port, preset: Flags | None = None, halves: type[Halves] | None = None
+    def __init__(self, context: IoContext, port: Port, preset: Flags | None = None, halves: type[Halves] = Halves
                  ) -> None:
-        """See `assemble`; `halves` replace the ones of boards."""
+        """See `assemble`."""
         self.io, self._now_ns = context.io, context.now_ns
         self.parts = parts = assemble(context, port, preset)
         self.robots, self.record, self.reports, self.port = parts.robots, parts.record, parts.reports, port
@@ -63,7 +63,7 @@ class RobotIo:
         self._before_ns = self._good_ns
         period_ns = io.period_s * 1e9
         self._gap_ns, self._stable_ns = period_ns, max(STABLE_NS, PERIODS * period_ns)
-        self.halves = (halves or Halves)(parts, context, (self._oldest_ns, float(self._stable_ns), float(GAPS)))
+        self.halves = halves(parts, context, (self._oldest_ns, float(self._stable_ns), float(GAPS)))
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)

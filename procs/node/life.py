@@ -33,7 +33,7 @@ def arguments(kind: str) -> argparse.Namespace:
     parser.add_argument("--name", required=True)
     chosen = parser.parse_args()
     loglines.begin(sys.stderr, chosen.name)
-    ACTING.process = chosen.name
+    ACTING.begin(chosen.name)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)
     return chosen

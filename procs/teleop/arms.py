@@ -315,8 +315,8 @@ class Operator:
         if whole:
             self.clutch = bool(self._clutch)
         if self.is_silent:
-            self.absence = f"console {self.console} is silent"
+            self.absence = f"{self.console} is silent"
         elif whole and not self._valid:
-            self.absence = f"console {self.console} gets no data from its inputs"
+            self.absence = f"{self.console} gets no data from its inputs"
         elif whole:
-            self.absence = "" if self._present else f"console {self.console} detects no operator"
+            self.absence = "" if self._present else f"{self.console} detects no operator"

@@ -65,6 +65,10 @@ class Acting:
         if CONFINED in os.environ:
             self.origin, self.system = NOBODY, os.environ[CONFINED]
 
+    def begin(self, process: str) -> None:
+        """A process of a system begins: it has this name, and it does not matter who has started the system."""
+        self.origin, self.system, self.process = None, "", process
+
     def confine(self, system: str) -> None:
         """From now on act for no person until one asks, and only in this system; so do programs started from here."""
         self.origin, self.system = NOBODY, system

@@ -14,7 +14,7 @@ ELSEWHERE = (0.4, 0.2, 0.1, 0.0, 0.0, 0.0)
 
 
 def restart(harness: ArmHarness, away_s: float = 0.5, stall: str = "") -> None:
-    """kill -9, or a stall; io goes on alone for a while and holds; a new process begins."""
+    """kill -9, or a stall; io runs alone for a while and holds; a new process begins."""
     for _ in range(round(away_s * 1e9 / PERIOD_NS)):
         harness.now_ns += PERIOD_NS
         harness.setpoint.set("mode", 0)

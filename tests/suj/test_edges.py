@@ -57,16 +57,6 @@ class QuietCart(CartPlay):
         return [line for line in self.log if line.startswith(code)]
 
 
-@pytest.fixture
-def enabled() -> QuietCart:
-    cart = QuietCart(CLASSIC)
-    cart.run(10)
-    cart.ask("state_command", "home")
-    cart.run(100)
-    assert cart.now_in is SetupState.ENABLED, cart.log
-    return cart
-
-
 def test_channels_are_sixty_samples_after_thirty_ms() -> None:
     multiplexer, taken = Multiplexer(), 0
     assert multiplexer.begin(1000) == RESET

@@ -12,16 +12,6 @@ from trocar.procs.document.cart import CLASSIC
 from trocar.procs.suj.machine import SetupState
 
 
-@pytest.fixture
-def enabled() -> QuietCart:
-    cart = QuietCart(CLASSIC)
-    cart.run(10)
-    cart.ask("state_command", "home")
-    cart.run(100)
-    assert cart.now_in is SetupState.ENABLED, cart.log
-    return cart
-
-
 def engaged(cart: QuietCart) -> object:
     """Currents of brakes that all hold."""
     return pytest.approx([arm.engaged_current * np.sign(arm.release_current) for arm in cart.cart.arms])

@@ -181,7 +181,7 @@ def test_an_absent_operator_ends_following_within_a_cycle(following: TeleopHarne
 def test_an_absent_operator_is_named_as_the_reason(following: TeleopHarness) -> None:
     absent(following)
     show(following)
-    assert following.text("reason") == "waiting: console console detects no operator"
+    assert following.text("reason") == "waiting: console detects no operator"
 
 
 def test_a_silent_console_ends_following(following: TeleopHarness) -> None:
@@ -191,7 +191,7 @@ def test_a_silent_console_ends_following(following: TeleopHarness) -> None:
     following.run(0.004)
     assert not following.following
     show(following)
-    assert not following.following and following.text("reason") == "waiting: console console is silent"
+    assert not following.following and following.text("reason") == "waiting: console is silent"
     following.console_alive = True
     show(following)
     assert following.following

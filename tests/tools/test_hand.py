@@ -126,7 +126,7 @@ class HostedDemo:
         self.asks("boards", word, *numbers, text=" ".join(each for each in rest if not re.fullmatch(r"-?[\d.]+", each)))
 
     def types(self, *words: str) -> Result:
-        """A verb; meanwhile the hand goes on."""
+        """A verb, while the hand moves."""
         with sleeping_by(lambda seconds: self.passes(max(BEAT_S, seconds))):
             return CliRunner().invoke(APP, [*words, "--system", self.host.name])
 

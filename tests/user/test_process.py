@@ -6,8 +6,6 @@ import dataclasses
 import json
 import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -27,8 +25,7 @@ from trocar.procs.user.process import UserNode
 from trocar.procs.user.subscription import Subscription
 from trocar.shm.mailbox.client import Client, MailboxFull
 from trocar.shm.mailbox.mailbox_map import COMMANDS_DEPTH
-from trocar.shm.mailbox.origins import ACTING, CONFINED, NOBODY
-from trocar.shm.memory import private
+from trocar.shm.mailbox.origins import ACTING, NOBODY
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.system.subscriptions import Subscriptions
@@ -345,24 +342,6 @@ def test_it_acts_for_nobody_until_a_command_that_moves(make: Callable[..., Mine]
     assert to_other.origin == NOBODY, "an operator of one system is none of another"
     to_other.close()
     assert theirs.process_messages() == 3
-
-
-def test_programs_that_a_process_starts_have_no_more_authority_than_it_has(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ACTING, "origin", None)
-    monkeypatch.setattr(ACTING, "system", "")
-    monkeypatch.setenv(CONFINED, "")  # is removed at the end
-    ACTING.confine("robot")
-    asks = "from trocar.shm.mailbox.origins import ACTING; print([ACTING.in_system(s) for s in ('robot', 'other')])"
-    done = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == str([NOBODY, NOBODY])
-
-
-def test_systems_in_its_own_memory_are_its_own_to_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ACTING, "origin", NOBODY)
-    monkeypatch.setattr(ACTING, "system", "robot")
-    monkeypatch.setattr(private, "is_kept", "rehearsal".__eq__)
-    assert ACTING.in_system("robot") == ACTING.in_system("other") == NOBODY
-    assert ACTING.in_system("rehearsal") is None
 
 
 def test_who_subscribes_to_what_is_not_there_is_told_what_is(make: Callable[..., Mine]) -> None:
