@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import platform
 import re
 import sys
-import sysconfig
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+PROCESSORS: Final = {62: "x86_64", 183: "aarch64"}  # e_machine of ELF; CC may be a cross compiler
 
 
 class NativeHook(BuildHookInterface[Any]):
@@ -29,7 +31,7 @@ class NativeHook(BuildHookInterface[Any]):
         except (native.BuildError, OSError) as error:
             self.app.display_warning(f"without the native library: {error}")
             return
-        build_data["tag"] = f"py3-none-{_platform(made)}"
+        build_data["tag"] = f"py3-none-{platform_tag(made)}"
         build_data["pure_python"] = False
         build_data["force_include"][str(made)] = f"trocar/procs/native/{made.name}"
 
@@ -39,8 +41,10 @@ class NativeHook(BuildHookInterface[Any]):
             Path(made).unlink()
 
 
-def _platform(library: Path) -> str:
-    """As PEP 600 has it: any Linux whose glibc has the newest symbol that the library asks for."""
-    found = [(int(major), int(minor)) for major, minor in re.findall(rb"GLIBC_(\d+)\.(\d+)", library.read_bytes())]
+def platform_tag(library: Path) -> str:
+    """As PEP 600 has it: any Linux on this processor whose glibc has the newest symbol that the library asks for."""
+    elf = library.read_bytes()
+    found = [(int(major), int(minor)) for major, minor in re.findall(rb"GLIBC_(\d+)\.(\d+)", elf)]
     major, minor = max(found)
-    return f"manylinux_{major}_{max(minor, 17)}_{sysconfig.get_platform().removeprefix('linux-')}"
+    processor = PROCESSORS.get(int.from_bytes(elf[18:20], "little"), platform.machine())
+    return f"manylinux_{major}_{max(minor, 17)}_{processor}"

@@ -6,7 +6,7 @@ numbers and a short text. Replies arrive on the client's reply ring.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -81,7 +81,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("power_off", POWER, "disable the amplifiers, switch motor power off",
                    (replace(ON, name="open_relays", optional=True),), ROBOT, stops=(ANY,),
                    ros=part("empty", "power_off")),
-        CommandRow("bias_encoders", RELAX, "set encoders from potentiometers; negative samples: accept preset ones",
+        CommandRow("bias_encoders", RELAX, "set encoders from potentiometers; samples < 0: unless all are set already",
                    (Argument("samples", whole=True), Argument("axes to leave out", size=SOME, low=0.0, whole=True)),
                    ROBOT),
         CommandRow("set_encoder", RELAX, "set the encoder of an axis to its known position",
@@ -97,32 +97,34 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    ros=part("bool", "pot_check")),
         CommandRow("use_setpoint_v", SETTING, "use the velocity feed of setpoints", (ON,), ROBOT,
                    ros=part("bool", "use_setpoint_v", "pid")),
-        CommandRow("set_gains", RELAX, "change gains of its joint controller from this cycle on",
+        CommandRow("set_gains", RELAX, "change gains of the robot's joint controller from this cycle on",
                    (Argument("axis, -1: all", low=-1.0, whole=True), Argument("a value for each key", size=SOME)),
                    "robot, keys of the PID file, @who or nothing"),
         CommandRow("brake_release", RELEASE, "release the brakes; the joint controller must be on", text=ROBOT,
                    ros=part("empty", "brake_release")),
         CommandRow("brake_engage", SETTING, "engage the brakes", text=ROBOT, ros=part("empty", "brake_engage")),
-        CommandRow("set_output", SETTING, "pin of a digital output high or low; a one-shot returns by itself", (ON,),
+        CommandRow("set_output", SETTING, "set a digital output high (1) or low (0); a one-shot resets itself", (ON,),
                    "output name"),
         CommandRow("set_pwm", MOTION, "duty cycle of a digital output",
                    (Argument("duty", low=0.0, high=1.0),), "output name", stops=(ZERO,)),
-        CommandRow("lift", MOTION, "move the lift of a patient cart, -1 down to 1 up, until 30 ms after the last such "
+        CommandRow("lift", MOTION, "move the lift of a patient cart (1: up, -1: down) until 30 ms after the last such "
                    "command; 0: stop", (Argument("velocity", low=-1.0, high=1.0),), ROBOT,
                    effect_of_zero=SETTING, stream="lift"),
         CommandRow("setup_brake", RELEASE, "release the brakes of the setup arm under an Si arm until 30 ms after the "
                    "last such command; 0: engage them", (ON,), ROBOT, effect_of_zero=SETTING, stream="brake"),
-        CommandRow("multiplexer", SETTING, "1: the next channel of a patient cart's potentiometers, 0: the first one",
+        CommandRow("multiplexer", SETTING, "select the next (1) or the first (0) channel of a cart's potentiometers",
                    (ON,), ROBOT),
-        CommandRow("trigger_read", READ, "read the memory of the instrument; done with its NAME:MODEL[VERSION]",
+        CommandRow("trigger_read", READ, "read the memory of the instrument; the reply has its NAME:MODEL[VERSION]",
                    text="instrument reader"),
         CommandRow("clear_fault", SETTING, "clear the latched fault", text=ROBOT),
-        CommandRow("supply_on", POWER, "close the safety relay, motor power on for this time; amplifiers stay off",
+        CommandRow("supply_on", POWER, "close the safety relay, power motors for this time; amplifiers stay off",
                    (Argument("time", "s", low=0.0, high=60.0, above=True),), ROBOT),
-        CommandRow("drive_axis", POWER, "ramp the current of one motor up, until it has moved by travel; all others "
+        CommandRow("drive_axis", POWER, "ramp the current of one motor up until it has moved by `travel`; all others "
                    "are free",
                    (AXIS, Argument("current", "A"), Argument("rise time", "s"), Argument("travel", "rad|m"),
                     replace(ON, name="release its brake")), ROBOT),
+        CommandRow("brake_current", RELEASE, "give one brake a current for 0.5 s, while the motors have none",
+                   (AXIS, Argument("current", "A")), ROBOT),
     ),
     "arm": (
         CommandRow("state_command", POWER, "change the operating state",
@@ -134,7 +136,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    ros=Ros("joint positions")),
         CommandRow("servo_jv", MOTION, "go at these joint velocities until 0.1 s after the last such command",
                    (VELOCITY,), stream="position", ros=Ros("joint velocities", newest=True)),
-        CommandRow("servo_jf", MOTION, "apply these joint efforts, for arm.effort_timeout_s; zeros forever", (EFFORT,),
+        CommandRow("servo_jf", MOTION, "apply these efforts for arm.effort_timeout_s; zeros have no timeout", (EFFORT,),
                    effect_of_zero=FREE, stream="effort", ros=Ros("joint efforts", newest=True)),
         CommandRow("servo_cp", MOTION, "follow this tip pose now", (POSE, TWIST), text=FRAME, stream="position",
                    ros=Ros("pose", newest=True)),
@@ -152,16 +154,16 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                     ros=Ros("wrench", newest=True)),
         CommandRow("spatial/servo_cf", MOTION, "apply this force and torque at the origin of the base", (WRENCH,),
                    text=FRAME, effect_of_zero=FREE, stream="effort", ros=Ros("wrench", newest=True)),
-        CommandRow("servo_ci", MOTION, "push as springs and dampers about a position and an orientation do",
+        CommandRow("servo_ci", MOTION, "push like springs and dampers about a position and an orientation",
                    (Argument("position, axes q, orientation q, gains", size=59),), text=FRAME, stream="effort",
                    ros=Ros("impedance", newest=True)),
         CommandRow("body/set_cf_orientation_absolute", SETTING,
-                   "wrenches that do not say whose axes they have are in those of the reference frame", (ON,),
+                   "interpret wrenches that name no axes in the axes of the reference frame", (ON,),
                    ros=BOOL),
         CommandRow("move_jp", MOTION, "move to these joint positions and stop there", (POSITION,),
                    move=True, ros=Ros("joint positions")),
         CommandRow("move_jr", MOTION, "move by these increments", (INCREMENT,), move=True, ros=Ros("joint positions")),
-        CommandRow("move_cp", MOTION, "move to this tip pose, joints in a straight line", (POSE,), text=FRAME,
+        CommandRow("move_cp", MOTION, "move to this tip pose, in a straight line in joint space", (POSE,), text=FRAME,
                    move=True, ros=Ros("pose")),
         CommandRow("move_cr", MOTION, "move the tip by a shift and a turn about itself", (POSE,), text=FRAME,
                    move=True, ros=Ros("pose")),
@@ -169,7 +171,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    stream="jaw", types=PSM, ros=Ros("joint positions", newest=True)),
         CommandRow("jaw/move_jp", MOTION, "move the jaw to this angle", (Argument("position", "rad"),), types=PSM,
                    move=True, ros=Ros("joint positions")),
-        CommandRow("jaw/servo_jf", MOTION, "apply this jaw effort; from position control the arm goes limp",
+        CommandRow("jaw/servo_jf", MOTION, "apply this jaw effort; if the arm was in position control, it goes limp",
                    (Argument("effort", "N·m"),), stream="jaw", types=PSM, ros=Ros("joint efforts", newest=True)),
         CommandRow("hold", MOTION, "stay at the present setpoint", stops=(ANY,), ros=EMPTY),
         CommandRow("end_stream", SETTING, "hold, if the present motion was requested by the same program"),
@@ -177,27 +179,27 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("trajectory_j/set_ratio", SETTING, "speed and acceleration of moves", (RATIO,), ros=Ros("number")),
         CommandRow("trajectory_j/set_ratio_v", SETTING, "speed of moves", (RATIO,), ros=Ros("number")),
         CommandRow("trajectory_j/set_ratio_a", SETTING, "acceleration of moves", (RATIO,), ros=Ros("number")),
-        CommandRow("set_base_frame", MOTION, "pose of the arm's base; no values: unknown",
+        CommandRow("set_base_frame", MOTION, "set the pose of the arm's base; no values: unknown",
                    (replace(POSE, optional=True),), "reference frame", ros=Ros("framed pose")),
         CommandRow("use_gravity_compensation", MOTION, "compensate the arm's own weight", (ON,), effect_of_one=SETTING,
                    ros=BOOL),
-        CommandRow("forward_kinematics", READ, "pose of the tip, or of the frame after this many joints",
+        CommandRow("forward_kinematics", READ, "pose of the tip, or of the frame after as many joints as are given",
                    (replace(POSITION, size=SOME),)),
         CommandRow("local/forward_kinematics", READ, "the same in the arm's base", (replace(POSITION, size=SOME),)),
         CommandRow("inverse_kinematics", READ, "joints for a pose in the arm's base",
                    (Argument("seed {n}, x y z qx qy qz qw", size=SOME),)),
         CommandRow("actuator_to_joint_position", READ, "joint positions",
                    (Argument("position of every actuator", "rad|m", SOME),)),
-        CommandRow("crtk_version", READ, "version of the commands' meaning"),
+        CommandRow("crtk_version", READ, "version of CRTK that defines the commands"),
         CommandRow("set_endoscope_type", SETTING, "select the endoscope that an ECM carries", text="endoscope",
                    types=ECM, ros=TEXT),
         CommandRow("lock_orientation", MOTION,
                    "in Cartesian effort mode: hold the orientation of a master's tip, its position stays free; "
-                   "without values as it is", (Argument("qx qy qz qw", size=4, optional=True),), effect_of_zero=FREE,
+                   "no values: the present one", (Argument("qx qy qz qw", size=4, optional=True),), effect_of_zero=FREE,
                    types=MTM, ros=Ros("quaternion")),
         CommandRow("unlock_orientation", MOTION, "stop holding the orientation", effect_of_zero=FREE, types=MTM,
                    ros=EMPTY),
-        CommandRow("set_tool_type", MOTION, "select the attached instrument, when requested", text="NAME:MODEL",
+        CommandRow("set_tool_type", MOTION, "name the attached instrument, when the arm asks for it", text="NAME:MODEL",
                    types=PSM, ros=TEXT),
         CommandRow("emulate_adapter_present", MOTION, "act as if a sterile adapter were attached; 0: use its switch",
                    (ON,), types=PSM, ros=BOOL),
@@ -211,7 +213,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("servo_jp", MOTION, "set the joint positions; KINEMATIC setup arms only", (POSITION,), "setup arm",
                    stream="position",
                    ros=part("joint positions", "servo_jp")),
-        CommandRow("move_jp", MOTION, "the same, at once", (POSITION,), "setup arm",
+        CommandRow("move_jp", MOTION, "the same as servo_jp: the joints are there at once", (POSITION,), "setup arm",
                    ros=part("joint positions", "move_jp")),
         CommandRow("local/servo_cp", MOTION, "set the pose in the cart; fixed setup arms only", (POSE,), "setup arm",
                    stream="position"),
@@ -219,14 +221,14 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    text="setup arm", ros=TEXT),
         CommandRow("clutch", RELEASE, "release its brakes, as its button does, for a minute at most", (ON,),
                    "setup arm", stops=(ZERO,), ended_by=ITSELF),
-        CommandRow("set_lift_velocity", MOTION, "move the lift, -1 down to 1 up, for a second at most; 0: stop",
+        CommandRow("set_lift_velocity", MOTION, "move the lift (1: up, -1: down) for a second at most; 0: stop",
                    (Argument("velocity", low=-1.0, high=1.0),), stops=(ZERO,), stream="lift",
                    ended_by=ITSELF),
     ),
     "teleop": (
         CommandRow("state_command", MOTION, "change the desired state", text="enable|align_MTM|disable",
                    stops=("disable",), causes=("arm.*",), ros=STATE),
-        CommandRow("set_scale", MOTION, "slave's motion for one of the master's", (SCALE,), ros=Ros("number")),
+        CommandRow("set_scale", MOTION, "ratio of the slave's motion to the master's", (SCALE,), ros=Ros("number")),
         CommandRow("lock_rotation", MOTION, "the slave's orientation stays as it is", (ON,), types=PSM, ros=BOOL),
         CommandRow("lock_translation", MOTION, "the slave's position stays as it is", (ON,), types=PSM, ros=BOOL),
         CommandRow("set_align_MTM", MOTION, "align the master with the slave before following", (ON,), types=PSM,
@@ -240,14 +242,14 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
     "console": (
         CommandRow("teleop_enable", MOTION, "start the selected teleoperations, or stop them", (ON,), stops=(ZERO,),
                    causes=("teleop.*",), ros=Ros("bool", ("teleop/enable",))),
-        CommandRow("select_teleop", MOTION, "select a teleoperation; those that share an arm with it are not",
+        CommandRow("select_teleop", MOTION, "select a teleoperation, and unselect those that share an arm with it",
                    text="teleop", causes=("teleop.*",), ros=Ros("text", ("teleop/select",))),
         CommandRow("unselect_teleop", MOTION, "unselect a teleoperation", text="teleop", stops=(ANY,),
                    ros=Ros("text", ("teleop/unselect",))),
         CommandRow("set_scale", MOTION, "scale of all its teleoperations", (SCALE,), causes=("teleop.set_scale",),
                    ros=Ros("number", ("teleop/set_scale",))),
         CommandRow("emulate_operator_present", MOTION,
-                   "as if the operator arrived (until the program that sends it ends) or left; stay: beyond that end, "
+                   "act as if the operator arrived (until the sending program ends) or left; stay: also after it ends, "
                    "if the console has no pedal or head sensor for the operator",
                    (replace(PEDAL, name="button (0 released, 1 pressed)", high=1.0),), "stay or nothing",
                    effect_of_zero=SETTING, ended_by=ITSELF, ros=BUTTON),
@@ -266,12 +268,11 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
     "system": (
         CommandRow("power_off", POWER, "stop teleoperation of all consoles and disable all arms", stops=(ANY,),
                    ros=EMPTY),
-        CommandRow("power_on", POWER, "disable arms in FAULT, then enable all; done when all are",
+        CommandRow("power_on", POWER, "disable arms in FAULT, then enable all; done when all are enabled",
                    causes=("arm.state_command", "suj.state_command"), ros=EMPTY),
-        CommandRow("home", POWER, "enable arms that are not, then home all; done when all are",
+        CommandRow("home", POWER, "enable arms that are not enabled, then home all; done when all are homed",
                    causes=("arm.state_command", "suj.state_command"), ros=EMPTY),
-        CommandRow("set_volume", SETTING, "volume of all sounds, 0 to 1", (Argument("volume"),),
-                   ros=Ros("number")),
+        CommandRow("set_volume", SETTING, "volume of all sounds, 0 to 1", (Argument("volume"),), ros=Ros("number")),
         CommandRow("beep", SETTING, "make a beep", (Argument("duration", "s"),
                                                     Argument("frequency", "Hz", optional=True),
                                                     Argument("volume", optional=True)),
@@ -279,8 +280,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("string_to_speech", SETTING, "speak a text", text="text", ros=TEXT),
     ),
     "recorder": (
-        CommandRow("choose", SETTING, "add this to the next recording of the same client",
-                   text="topic, or instance"),
+        CommandRow("choose", SETTING, "add this to the next recording of the same client", text="topic, or instance"),
         CommandRow("record", SETTING, "record what was chosen, or all arms and io; done when it has ended",
                    (Argument("time", "s", optional=True), replace(ON, name="end with its client", optional=True)),
                    "name"),
@@ -294,37 +294,38 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("apply_effort", MOTION, "external effort on the joints of a robot, until changed", (EFFORT,), ROBOT),
         CommandRow("set_position", MOTION, "set actuator positions, at rest; a setup arm must be released",
                    (POSITION,), "robot, SUJ/setup arm"),
+        CommandRow("move_by_hand", MOTION, "set_position, but engaged brakes do not move", (POSITION,), ROBOT),
         CommandRow("support", MOTION, "support the weight of a robot by hand, or release it", (ON,), ROBOT),
-        CommandRow("pull_tip", MOTION, "pull a tip to a pose in its base frame; then stiffness, damping, limits",
+        CommandRow("pull_tip", MOTION, "pull a tip to a pose in its base frame, with this stiffness, damping, limits",
                    (POSE, *GRIP), ROBOT, stream="pull", ended_by="release_tip"),
         CommandRow("release_tip", MOTION, "release a tip", text=ROBOT, stops=(ANY,)),
         CommandRow("emergency_stop", SETTING, "press or release the emergency stop", (ON,), BUS),
-        CommandRow("power_loss", SETTING, "switch the motor supply off", (ON,), ROBOT),
+        CommandRow("power_loss", SETTING, "make the motor supply fail (1), or restore it (0)", (ON,), ROBOT),
         CommandRow("amp_fault", SETTING, "make an amplifier fail", (AXIS, ON), ROBOT),
         CommandRow("encoder_jump", SETTING, "make an encoder jump",
                    (AXIS, Argument("counts", low=-8388608.0, high=8388608.0, whole=True)), ROBOT),
         CommandRow("current_error", SETTING, "add an offset to the measured current, 0: repaired",
                    (AXIS, Argument("current", "A")), ROBOT),
-        CommandRow("pot_drift", SETTING, "make a potentiometer drift (from an error), 0 0: repaired",
+        CommandRow("pot_drift", SETTING, "make a potentiometer drift, starting at an error if given; 0 0: repaired",
                    (AXIS, Argument("rate", "V/s"), Argument("error", "V", optional=True)), ROBOT),
         CommandRow("pot_dead", SETTING, "make a potentiometer show 0 V, as with a loose cable", (AXIS, ON), ROBOT),
         CommandRow("encoder_scale", SETTING, "scale the counts of an encoder, 1: repaired",
                    (AXIS, Argument("factor")), ROBOT),
         CommandRow("swap_motors", SETTING, "swap the plugs of two motors; again to undo",
                    (AXIS, replace(AXIS, name="axis")), ROBOT),
-        CommandRow("jam", SETTING, "block an axis, as a brake that does not release", (AXIS, ON), ROBOT),
+        CommandRow("jam", SETTING, "block an axis, like a brake that does not release", (AXIS, ON), ROBOT),
         CommandRow("unplug_board", SETTING, "unplug a board's power and cables", (BOARD,), OF_BUS),
         CommandRow("plug_board", SETTING, "plug a board in again, as after power-up", (BOARD,), OF_BUS),
         CommandRow("bus_reset", SETTING, "start another bus generation", text=BUS),
         CommandRow("drop_block", SETTING, "leave a board out of the next hub reads", (BOARD, COUNT), OF_BUS),
-        CommandRow("spoil_sequence", SETTING, "wrong sequence numbers in the next hub reads", (BOARD, COUNT), OF_BUS),
+        CommandRow("spoil_sequence", SETTING, "spoil sequence numbers in the next hub reads", (BOARD, COUNT), OF_BUS),
         CommandRow("temperature", SETTING, "heat the amplifiers of a board",
                    (BOARD, Argument("first", "°C"), Argument("second", "°C", optional=True)), OF_BUS),
-        CommandRow("lose_replies", SETTING, "leave the next replies out", (COUNT,), BUS),
+        CommandRow("lose_replies", SETTING, "lose the next replies; the requests are carried out", (COUNT,), BUS),
         CommandRow("delay_replies", SETTING, "send the next replies late", (COUNT, DELAY), BUS),
         CommandRow("duplicate_replies", SETTING, "send the next replies twice", (COUNT,), BUS),
         CommandRow("drop_replies", SETTING, "answer the next reads as dropped (8 bytes)", (COUNT,), BUS),
-        CommandRow("corrupt_tl", SETTING, "give the next replies a wrong tl", (COUNT,), BUS),
+        CommandRow("corrupt_tl", SETTING, "give the next replies a wrong transaction label (tl)", (COUNT,), BUS),
         CommandRow("reply_rate", SETTING, "spoil this share of replies until changed",
                    (RATE, replace(DELAY, name="delay of late ones", optional=True)),
                    f"lost|late|duplicated|dropped|mislabelled, {BUS}"),
@@ -342,21 +343,21 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
 COMMANDS["third_party"] = COMMANDS["arm"]  # a program refuses commands that it does not handle
 
 
-def caused(row: CommandRow, table: Mapping[str, tuple[CommandRow, ...]] = COMMANDS) -> list[CommandRow]:
+def caused(row: CommandRow) -> list[CommandRow]:
     """The row and all commands that it triggers, directly or indirectly: the transitive closure over `causes`."""
     found, waiting = [row], [row]
     while waiting:
-        for other in _named(waiting.pop().causes, table):
+        for other in _named(waiting.pop().causes):
             if not any(other is each for each in found):
                 found.append(other)
                 waiting.append(other)
     return found
 
 
-def _named(causes: tuple[str, ...], table: Mapping[str, tuple[CommandRow, ...]]) -> Iterator[CommandRow]:
+def _named(causes: tuple[str, ...]) -> Iterator[CommandRow]:
     for cause in causes:
         kind, _, name = cause.partition(".")
-        for rows in table.values() if cause == EVERYTHING else (table[kind],):
+        for rows in COMMANDS.values() if cause == EVERYTHING else (COMMANDS[kind],):
             yield from (row for row in rows if name in ("*", row.name))
 
 

@@ -6,12 +6,11 @@ import contextlib
 import gc
 import itertools
 import os
-import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,9 @@ import psutil
 import pytest
 
 from tests import examples, retries, searches, skips
-from trocar.shm.memory.segment import names_of, segment_name, unlink
+from trocar.shm.memory import private
+from trocar.shm.memory.parts import remove_all
+from trocar.shm.memory.segment import FOLDER, names_of
 
 ROOT = Path(__file__).resolve().parent.parent
 SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores
@@ -28,7 +29,6 @@ ALONE_IN = (SYSTEMS, ROOT / "tests" / "tools")  # tools/test collects those alon
 COUNTER = itertools.count()
 PATIENCE_S = 30.0
 GONE_S = 5.0  # a process that a test has adopted may need so long to end
-SEARCHED: set[str] = set()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -64,10 +64,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     config.hook.pytest_deselected(items=items_left)
 
 
-def pytest_collection_finish() -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
     """Of thousands of tests, nothing becomes garbage before the end; no collection needs to look through them."""
-    gc.collect()
-    gc.freeze()
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collectreport(report: pytest.CollectReport) -> None:
@@ -78,27 +84,33 @@ def pytest_collectreport(report: pytest.CollectReport) -> None:
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Which searches have passed; what was skipped."""
     skips.note(report)
-    if report.when == "call" and report.passed and searches.MARK in report.keywords:
-        SEARCHED.add(report.nodeid)
+    searches.note(report)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
     """What a worker of xdist tells at its end."""
-    retries.made += getattr(node, "workeroutput", {}).get("retries", [])
+    output = getattr(node, "workeroutput", {})
+    retries.made += output.get("retries", [])
+    searches.left_out.update(output.get("left_out", ()))
+    searches.changed.update(output.get("changed", ()))
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Searches need not run again before something changes; too many retries fail, and skips that CI does not allow."""
-    searches.remember(session.config, SEARCHED)
+    if session.exitstatus == pytest.ExitCode.OK:
+        searches.remember(session.config)
     if hasattr(session.config, "workeroutput"):
-        session.config.workeroutput["retries"] = retries.made
+        session.config.workeroutput.update(retries=retries.made, left_out=list(searches.left_out),
+                                           changed=list(searches.changed))
     elif len(retries.made) > retries.BUDGET or skips.are_too_many():
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """How often a busy machine made a test try again; what CI would not leave out."""
+    """How often a busy machine made a test try again; which searches did not run; what CI would not leave out."""
+    for line in searches.summary():
+        terminalreporter.write_line(line)
     for line in sorted(skips.found):
         terminalreporter.write_line(f"skipped, which CI does not allow: {line}")
     terminalreporter.write_line(f"{len(retries.made)} retries on a busy machine, allowed are {retries.BUDGET}")
@@ -155,8 +167,7 @@ class World:
 
     def remove(self) -> None:
         """Unlink every segment, as the supervisor does at the end."""
-        for parts in names_of(self.name):
-            unlink(segment_name(*parts))
+        remove_all(self.name)
 
     def left_over(self) -> list[str]:
         """Children still running and segments still there."""
@@ -181,17 +192,19 @@ def world() -> Iterator[World]:
 @pytest.fixture(autouse=True)
 def nothing_outlives_the_test() -> Iterator[None]:
     """Fails a test after which more of this process's worlds or children are there than before."""
-    own = f"t{os.getpid()}"
-    before = _present(own)
+    before = _present()
     yield
     end = time.monotonic() + GONE_S
-    while (left := _present(own) - before) and time.monotonic() < end:
+    while (left := _present() - before) and time.monotonic() < end:
         time.sleep(0.01)
     assert not left, f"left behind: {', '.join(sorted(left))}"
 
 
-def _present(own: str) -> set[str]:
-    segments = {"~".join(parts) for parts in names_of() if re.match(f"{own}[x-]", parts[0])}
+def _present() -> set[str]:
+    """Of /dev/shm the names alone: looking at each file, as names_of does, takes as long as a short test."""
+    own = tuple(f"trocar~t{os.getpid()}{mark}" for mark in "x-")
+    segments = {name for name in (*os.listdir(FOLDER), *(name[1:] for name in private.segments()))  # noqa: PTH208
+                if name.startswith(own)}
     children = set()
     for pid in _children():
         with contextlib.suppress(psutil.NoSuchProcess):

@@ -10,9 +10,9 @@ import numpy as np
 
 from tests.command_rows import row_named
 from trocar.shm.mailbox.generations import Cell
-from trocar.shm.mailbox.guard import late, unauthorized
+from trocar.shm.mailbox.guard import authorizes, late, unauthorized
 from trocar.shm.mailbox.mailbox_map import MAX_TEXT, MAX_VALUES
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 
 UNAUTHORIZED = "not authorized: needs an operator's command given after the last fault or power-off"
 
@@ -28,9 +28,10 @@ class FakeCell:
         """See FaultCell."""
         self.valid_from, self.exempt_origin = self.valid_from + 1, 0
 
-    def switched_off(self, origin: int) -> None:
+    def switched_off(self, origin: Origin) -> None:
         """See FaultCell."""
-        self.valid_from, self.exempt_origin = self.valid_from + 1, origin
+        exempt = origin.id if authorizes(origin, self) else 0
+        self.valid_from, self.exempt_origin = self.valid_from + 1, exempt
 
 
 def objection(kind: str, name: str, values: Any, text: str, origin: Origin, valid_from: int = 0,
@@ -49,7 +50,7 @@ class Guarded:
 
     def __init__(self, kind: str, cell: Cell) -> None:
         """`cell` of the owner's component."""
-        self.kind, self.cell, self.origin = kind, cell, NOBODY
+        self.kind, self.cell, self.origin = kind, cell, NO_ORIGIN
         self.refused: list[str] = []
 
     def on_behalf(self, origin: Origin) -> None:

@@ -9,11 +9,14 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 import typer
+import yaml
 
 from tests.import_contract import PROCESSES, storey
+from trocar.procs.tables.manifest import PROCS
 from trocar.tools import cli
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -22,6 +25,7 @@ PAGES.remove(ROOT / "CHANGELOG.md")  # says what was
 FOLDERS = ("shm", "procs", "tools", "tests", "configs", "docs", ".ci")
 NOT_OURS = {"dvrk_calibrate_potentiometers.py", "wall.py", "box.py", "scanner.py", "procs/KIND/loop.py"}  # of others
 CODE = re.compile(r"`([^`\n]+)`")
+FORMS = [form for form in sorted((ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml")) if form.stem != "config"]
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 
@@ -105,6 +109,22 @@ def test_verbs_and_options_that_a_page_names_are_there(page: Path) -> None:
     assert not [name for name in run if importlib.util.find_spec(name) is None]
 
 
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
+def test_an_issue_form_is_complete_and_its_commands_are_there(form: Path) -> None:
+    text = form.read_text(encoding="utf-8")
+    written = yaml.safe_load(text)
+    assert {"name", "description", "body"} <= written.keys()
+    asked = [field for field in written["body"] if field["type"] != "markdown"]
+    assert len({field["id"] for field in asked}) == len(asked) and all(field["attributes"]["label"] for field in asked)
+    typed = [line for line in lines_of(text) if line.startswith("trocar ")]
+    assert typed and not {line: what for line in typed if (what := wrong_in(line))}
+
+
+def test_the_form_for_bugs_asks_for_the_report() -> None:
+    text = next(form for form in FORMS if form.stem == "bug").read_text(encoding="utf-8")
+    assert {"`trocar report`", "`trocar --version`", "Hardware"} <= set(re.findall(r"`trocar [\w-]+`|Hardware", text))
+
+
 @each_page
 def test_headings_that_a_page_leads_to_are_there(page: Path) -> None:
     for name, heading in re.findall(r"\]\(([^)#\s:]*)#([^)]+)\)", page.read_text(encoding="utf-8")):
@@ -119,6 +139,17 @@ def test_the_architecture_names_every_table() -> None:
     files = [path for folder in ("shm", "procs", "tools") for path in (ROOT / folder).rglob("*.py")]
     tables = [path for path in files if path.read_text(encoding="utf-8").startswith('"""THE TABLE')]
     assert not [path for path in tables if f"`{path.relative_to(ROOT).as_posix()}`" not in text]
+
+
+def test_the_figure_of_the_architecture_has_every_kind_of_process() -> None:
+    text = (ROOT / "docs/figures/architecture.svg").read_text(encoding="utf-8")
+    assert not {row.kind for row in PROCS} - set(re.findall(r'class="name"[^>]*>(\w+)\b', text))
+
+
+@pytest.mark.parametrize("figure", sorted((ROOT / "docs/figures").iterdir()), ids=lambda figure: figure.name)
+def test_a_figure_is_small_well_formed_and_shown(figure: Path) -> None:
+    assert ElementTree.fromstring(figure.read_bytes()).tag.endswith("}svg") and figure.stat().st_size < 60_000
+    assert any(f"figures/{figure.name})" in page.read_text(encoding="utf-8") for page in PAGES)
 
 
 def parts() -> set[str]:

@@ -11,6 +11,7 @@ import functools
 import importlib
 import inspect
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +26,7 @@ from trocar.procs.machine.imports import many_imports
 from trocar.procs.machine.paths import ROOT
 from trocar.procs.machine.version import VERSION
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.terminal import adapt_streams
+from trocar.tools.output.terminal import adapt_streams, open_streams
 
 FINE, WRONG, MISUSED, INTERRUPTED = 0, 1, 2, 130
 
@@ -47,17 +48,16 @@ VERBS: tuple[Verb, ...] = (
     Verb("up", "verbs.up:up", "Start a system; powers and moves nothing.", moves=True),
     Verb("down", "verbs.down:down", "Stop a system, and clean up after crashed systems.", moves=True),
     Verb("start", "verbs.processes:start", "Start one process of a running system.", moves=True),
-    Verb("stop", "verbs.processes:stop", "Stop one process; names what depends on it.", moves=True),
+    Verb("stop", "verbs.processes:stop", "Stop one process, and name those that depend on it.", moves=True),
     Verb("restart", "verbs.processes:restart", "Stop one process and start it again.", moves=True),
     Verb("power-on", "verbs.power:power_on", "Enable the arms.", moves=True),
     Verb("home", "verbs.power:home", "Power on where needed and home the arms.", moves=True),
     Verb("power-off", "verbs.power:power_off", "Disable the arms.", moves=True),
     Verb("send", "verbs.send:send", "Send any command to a component.", moves=True, raw=True),
-    Verb("get", "verbs.properties:get", "List properties of user processes."),
-    Verb("set", "verbs.properties:set_property", "Set a property of a user process.", moves=True,
-         raw=True),
+    Verb("get", "verbs.properties:get", "List properties of processes."),
+    Verb("set", "verbs.properties:set_property", "Set a property of a process.", moves=True, raw=True),
     Verb("record", "verbs.record:record", "Record topics into a file, at full rate."),
-    Verb("stream", "verbs.stream:stream", "Follow joint setpoints from a CSV file.", moves=True),
+    Verb("stream", "verbs.stream:stream", "Stream joint setpoints from a CSV file to an arm.", moves=True),
     Verb("replay", "verbs.replay:replay", "Replay a recording.", moves=True),
     Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
         Verb("show", "verbs.pid:show", "Print the gains in use."),
@@ -65,7 +65,7 @@ VERBS: tuple[Verb, ...] = (
         Verb("save", "verbs.pid:save", "Save the gains in use as a PID file."),
     )),
     Verb("bus", "", "Controllers on a bus: find, read, write and watch them.", moves=True, parts=(
-        Verb("scan", "verbs.bus:scan", "Find every controller."),
+        Verb("scan", "verbs.bus:scan", "Find every controller; the first scan after power-up assigns node numbers."),
         Verb("read", "verbs.bus:read", "Read registers."),
         Verb("write", "verbs.bus:write", "Write a register; asks first.", moves=True),
         Verb("watch", "verbs.bus:watch", "Live view of one board."),
@@ -83,9 +83,9 @@ VERBS: tuple[Verb, ...] = (
     Verb("dump", "verbs.dump:dump", "Save a system's shared memory, also after a crash."),
     Verb("report", "verbs.report:report", "Pack logs, recordings and versions for a bug report."),
     Verb("rl", "", "Environments for learning.", moves=True, parts=(
-        Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment, here, on Ray, or on a robot.",
-             moves=True),
+        Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment, here, on Ray, or on a robot.", moves=True),
     )),
+    Verb("new-arm", "new_arm.verb:new_arm", "Write the configuration files of a new arm."),
     Verb("commission", "commission.verb:commission", "Commission a robot, stage by stage.", moves=True),
     Verb("check", "verbs.check:check", "Validate configuration files."),
     Verb("kinematics", "", "Kinematics and gravity from files, without a robot: JSON lines in and out.", parts=(
@@ -99,7 +99,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("bench", "verbs.bench:bench", "Measure the machine and the software."),
 )
 
-PANELS = {True: "Verbs that may change the robot", False: "Verbs that only read"}
+PANELS = {True: "Verbs that may change the robot", False: "Verbs that never change the robot"}
 
 
 class VerbGroup(TyperGroup):
@@ -110,7 +110,8 @@ class VerbGroup(TyperGroup):
         if args[0] not in self.commands and not ctx.resilient_parsing:
             from trocar.procs.crtk.names import none_such
 
-            ctx.fail(none_such("command", args[0], self.commands, ctx.command_path))
+            about = () if ctx.parent else (verb.name for verb in VERBS if args[0] in re.findall(r"\w{4,}", verb.text))
+            ctx.fail(none_such("command", args[0], self.commands, ctx.command_path, about))
         return super().resolve_command(ctx, args)
 
 
@@ -213,7 +214,7 @@ def _readers_may_leave() -> Iterator[None]:
         for stream in (sys.stdout, sys.stderr):
             try:
                 stream.flush()
-            except BrokenPipeError:
+            except OSError:  # also a full disk, which the verb has reported
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())  # the interpreter flushes it again at exit
 
 
@@ -232,7 +233,7 @@ def _reported(error: BaseException, code: int) -> int:
     if isinstance(error, OSError) and error.filename is not None:
         note(f"trocar: {error.filename}: {error.strerror}")
     else:
-        note(f"trocar: {error}")
+        note(f"trocar: {getattr(error, 'strerror', None) or error}")
     return code
 
 
@@ -252,6 +253,7 @@ def _warned(message: Warning | str, *_: object, **__: object) -> None:
 
 def main() -> None:
     """The command `trocar`."""
+    open_streams()
     adapt_streams()
     warnings.showwarning = _warned
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a verb computes nothing that threads of numpy are worth

@@ -33,6 +33,7 @@ struct record {
     bool gripper_valid; double gripper_position; /* rad */
     bool has_jaw; double jaw_setpoint_position, setpoint_position[8];
     char tool[40];
+    uint32_t stops; char stopped_by[48]; /* it answers no commands, so there are none */
     int64_t age_ns;
     bool input[];
 };
@@ -40,7 +41,7 @@ static const char *layout[] = { /* the same as the schema says it, to be compare
     "program S40", "state S16", "sub_state S40", "is_homed ?", "is_busy ?", "control_mode u1", "simulated ?",
     "reference_valid ?", "reference_frame S24", "measured_cp (7,)<f8", "setpoint_cp (7,)<f8", "measured_cv (6,)<f8",
     "gripper_valid ?", "gripper_position <f8", "has_jaw ?", "jaw_setpoint_position <f8", "setpoint_position (8,)<f8",
-    "tool S40", "age_ns <i8"};
+    "tool S40", "stops <u4", "stopped_by S48", "age_ns <i8"};
 struct header {
     char magic[8]; uint32_t version, first; uint64_t fingerprint; uint32_t stride, depth, schema, info; char kind[16];
     uint64_t size; uint32_t pid, epoch; uint64_t start; char instance[64]; char unused[48]; _Atomic uint64_t head;

@@ -1,4 +1,4 @@
-"""Trocar for scripts: arms and systems by name, with CRTK's words.
+"""Trocar for scripts: arms and systems by name, with CRTK method names.
 
     import trocar
 
@@ -12,9 +12,9 @@
         psm.jaw.open().wait()
 
 Each read returns (value, stamp): the stamp is monotonic nanoseconds. Joints are rad and m, poses 4×4 matrices, twists
-and wrenches six numbers, linear then angular. Waits have timeouts in seconds. What the robot refuses raises `Refused`
-with its reason; what cannot be had, or is not valid now, `TimeoutError`; what is no pose or no number, `ValueError`.
-A script that is ended with Ctrl-C says so in one line, without a traceback.
+and wrenches six numbers, linear then angular. Waits have timeouts in seconds. Refused commands raise `Refused`
+with the reason, missing or currently invalid data `TimeoutError`, and malformed poses or numbers `ValueError`.
+Ctrl-C ends a script with a one-line message instead of a traceback.
 """
 
 from __future__ import annotations
@@ -42,9 +42,11 @@ def _environments() -> object:
     try:
         return importlib.import_module("trocar.procs.rl.door")
     except ModuleNotFoundError as error:
-        if error.name != "gymnasium":
-            raise
-        raise ModuleNotFoundError("trocar.rl needs gymnasium: pip install 'trocar[rl]'", name=error.name) from None
+        from trocar.procs.machine.extras import missing_in
+
+        if sentence := missing_in(error, "trocar.rl"):
+            raise ModuleNotFoundError(sentence, name=error.name) from None
+        raise
 
 
 if "gymnasium" in sys.modules:  # so that gymnasium.make("trocar:trocar/PsmReach-v0") finds its names; else `rl` does

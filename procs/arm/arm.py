@@ -10,14 +10,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from trocar.procs.arm.arm_commands import ArmCommandRow, ArmCommands
 from trocar.procs.arm.cartesian_commands import CartesianCommands
-from trocar.procs.arm.commands import ArmCommandRow, ArmCommands
 from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.control import REPORT_NS, Control
 from trocar.procs.arm.joint_commands import JointCommands
 from trocar.procs.arm.joints import JointSpace, kinematic_home
 from trocar.procs.arm.machine import ArmStates
-from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.arm.motion import EFFORT, Mode, Space
 from trocar.procs.arm.recovery import beginning, previous_state
 from trocar.procs.arm.settings import Settings
 from trocar.procs.arm.setup_base import SetupBase
@@ -25,7 +25,7 @@ from trocar.procs.arm.stages.homed import Homed, Manual
 from trocar.procs.arm.stages.homing import Biased, Calibrating, Homing
 from trocar.procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
 from trocar.procs.arm.stages.stage import Stage
-from trocar.procs.arm.states import AT_HOME, PUBLISHED, ArmEvent, ArmState
+from trocar.procs.arm.states import AT_HOME, FAULT, PUBLISHED, ArmEvent, ArmState
 from trocar.procs.arm.supervision import UNWATCHED, Generations, problem
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.poses import Array
@@ -33,7 +33,7 @@ from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import ANSWERED, Request
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import base_name
-from trocar.shm.mailbox.origins import NOBODY
+from trocar.shm.mailbox.origins import NO_ORIGIN
 
 
 class ArmLogic:
@@ -61,7 +61,7 @@ class ArmLogic:
         control.cartesian.set_base(base if around.setup_base is None else None)
         control.record.show_ratios(control.motion)
         self._started = self._clutched = False
-        self._epoch = self._switched_off_by = 0
+        self._epoch, self._asked_by = 0, NO_ORIGIN
         self._commands = ArmCommands(control, {
             **JointCommands(control).table, **self.cartesian_commands.table, **Settings(control, arm.base_from).table,
             "state_command": ArmCommandRow(self._state_command)})
@@ -151,10 +151,12 @@ class ArmLogic:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm is off or holds: then only measured values change between cycles."""
-        motion = self.control.motion
-        return not (motion.moving or not motion.settled or motion.has_velocity or motion.mode is Mode.EFFORT
-                    or motion.feed_end_ns != FOR_EVER_NS or self.machine.is_busy)
+        """Whether the arm is off or holds, without compensation of its weight: only measured values change."""
+        control = self.control
+        motion = control.motion
+        return not (motion.moving or not motion.settled or motion.has_velocity or motion.mode is EFFORT
+                    or motion.feed_end_ns != FOR_EVER_NS or self.machine.is_busy or self._clutched
+                    or (not control.is_kinematic and control.gravity.effort.any()))
 
     def pressed(self, name: str) -> bool:
         """Whether a digital input of io is pressed; False if the arm has no input of this name."""
@@ -183,18 +185,23 @@ class ArmLogic:
         control.watch_move()
         if motion.drifting:
             control.watch_lag()
-        if motion.mode is Mode.EFFORT and control.efforts.is_overdue(now_ns):
-            self.end_efforts()
-        control.step_efforts()
-        if motion.mode is Mode.EFFORT:
-            self.shape_efforts()
-            if machine.state in AT_HOME and not control.is_kinematic:
-                control.guard.step(io.position, io.velocity, motion)
+        self._step_efforts()
         control.gravity.step(io.position, io.velocity, io.valid and self.bears_weight(), now_ns)
         control.io_requests.step(now_ns)
-        machine.settle(is_power_off=self._is_off())
-        control.setpoint.show(motion, control.gravity.effort, io.position, control.driving)
+        machine.settle(is_power_off=not io.fresh or io.power_requested.item() is False)
+        control.setpoint.show(control.driving)
         self._show()
+
+    def _step_efforts(self) -> None:
+        """The efforts of this cycle, within the bounds of speed and position."""
+        io, control, motion = self.io, self.control, self.control.motion
+        if motion.mode is EFFORT and control.efforts.is_overdue(control.now_ns):
+            self.end_efforts()
+        control.step_efforts()
+        if motion.mode is EFFORT:
+            self.shape_efforts()
+            if self.machine.state in AT_HOME and not control.is_kinematic:
+                control.guard.step(io.position, io.velocity, motion)
 
     def _show(self) -> None:
         control, machine = self.control, self.machine
@@ -208,7 +215,7 @@ class ArmLogic:
     def _reason(self) -> str:
         """The cause in FAULT, else the awaited condition."""
         state = self.machine.state
-        return self.machine.fault_text if state is ArmState.FAULT else self._stages[state].waits
+        return self.machine.fault_text if state is FAULT else self._stages[state].waits
 
     def _start(self) -> None:
         """At the first fresh record of io: take over the state of the previous process, or start from DISABLED."""
@@ -276,15 +283,15 @@ class ArmLogic:
         control, state = self.control, self.machine.state
         if state is ArmState.FAULT:
             self._around.faults.fault()
-            control.io_requests.on_behalf(NOBODY)
+            control.io_requests.on_behalf(NO_ORIGIN)
         elif state is ArmState.DISABLED and left is not ArmState.FAULT:
-            self._around.faults.switched_off(self._switched_off_by)
+            self._around.faults.switched_off(self._asked_by)
         control.io_requests.forget_bias()
         control.io_requests.want_no_fault(False)
         if PUBLISHED[state] != "ENABLED" or state is ArmState.ENABLED:
             mode = Mode.POSITION if state is ArmState.PAUSED else Mode.NONE
             reason = f": {self.machine.reason}" if state is ArmState.FAULT else ""
-            control.stop(control.here, mode, f"the arm went {state}{reason}")
+            control.stop(control.here, mode, f"the arm went to {state}{reason}")
         self._stages[state].enter()
 
     def _is_home(self) -> bool:
@@ -292,15 +299,12 @@ class ArmLogic:
         homed = machine.state in AT_HOME or (machine.state is ArmState.PAUSED and machine.paused in AT_HOME)
         return bool(homed and self.control.homed_generation and self.io.valid and self.is_ready())
 
-    def _is_off(self) -> bool:
-        return not self.io.fresh or self.io.power_requested.item() is False
-
     def _state_command(self, request: Request) -> str:
         if request.text.strip() == ArmEvent.UNHOME:
             self.control.homed_generation = 0
             self.control.must_bias = True
             self.unhome()
-        self._switched_off_by = request.origin.id
+        self._asked_by = request.origin
         if self.machine.command(request, "" if self.io.fresh else "io does not answer") and request.origin.id:
             self.control.io_requests.on_behalf(request.origin)
         return ANSWERED

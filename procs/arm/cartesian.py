@@ -68,8 +68,10 @@ class Cartesian:
         self.complete = True
         """Every joint position is known; a master's roll only after its stop was found."""
         self.base_known = True
+        self.frames: dict[str, bool] = {}
+        """The frames that are known now: whether they are that of the arm's base, see `is_local`."""
         self._is_identity = True
-        self.base, self._to_base = np.eye(4), np.eye(4)
+        self.base, self.to_base = np.eye(4), np.eye(4)
         self.tip, self.reference_tip = np.eye(4), np.eye(4)
         self.rotation: Array = self.reference_tip[:3, :3]
         self.absolute = False
@@ -103,11 +105,12 @@ class Cartesian:
     def set_base(self, base: Array | None) -> None:
         """Set the base's pose (4, 4) in the reference frame; None: unknown, only local poses are valid."""
         self.base_known = base is not None
+        self._know_frames()
         self._base_valid[...] = False
         self._setpoint_done, self._is_done = b"", False
         if base is not None:
             self.base[...] = base
-            self._to_base = inverse(base)
+            self.to_base[...] = inverse(base)
             self._is_identity = bool(np.array_equal(base, np.eye(4)))
             pose_from_matrix(self.base, self._base_pose)
             if self.valid:
@@ -116,6 +119,11 @@ class Cartesian:
     def name_frame(self, name: str) -> None:
         """Set the name of the reference frame."""
         self.frame, self._shown_frame[...] = name, name.encode()
+        self._know_frames()
+
+    def _know_frames(self) -> None:
+        known = dict.fromkeys(("", self.frame), False) if self.base_known else {}
+        self.frames = {**known, self.local_frame: True}
 
     def is_local(self, frame: str) -> bool:
         """Whether a command in this frame is in the arm's base; otherwise it is in the reference frame.
@@ -153,7 +161,7 @@ class Cartesian:
 
     def to_local(self, pose: Array) -> Array:
         """A pose (4, 4) of the reference frame, in the arm's base."""
-        return pose if self._is_identity else self._to_base @ pose
+        return pose if self._is_identity else self.to_base @ pose
 
     def to_reference(self, pose: Array) -> Array:
         """A pose (4, 4) of the arm's base, in the reference frame."""
@@ -186,10 +194,11 @@ class Cartesian:
         is_new = wanted != self._setpoint_done  # once is enough for an arm that holds
         if not is_new and self._is_done and not self.io.changed and self.absolute is self._shown_absolute:
             return  # a kinematic robot at rest
-        self.valid = self._is_done = True
+        if not self._is_done:
+            self.valid = self._is_done = True
+            self._valid[...] = True
+            self._base_valid[...] = self.base_known
         self._shown_absolute = self.absolute
-        self._valid[...] = True
-        self._base_valid[...] = self.base_known
         self._setpoint_done = wanted
         kinematics.forget()
         self._show(is_new, self.absolute, self._wanted)

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from trocar.procs.arm.commands import ArmCommandRow, Ready, Table
+from trocar.procs.arm.arm_commands import ArmCommandRow, Ready, Table
 from trocar.procs.arm.control import REPORT_NS, Control
 from trocar.procs.arm.efforts import impedance_of
 from trocar.procs.arm.motion import Mode, Space
@@ -25,7 +25,7 @@ POSE: Final = 7
 TWIST: Final = 6
 MAX_S: Final = 3600.0
 MAX_FORCE: Final = 1000.0  # N, ten times what the strongest joint gives
-MAX_TORQUE: Final = 100.0  # N·m
+MAX_TORQUE: Final = 100.0  # N·m, the smaller number
 ERROR_EVERY_NS: Final = 1_000_000_000
 
 Safe = Callable[[Array], str]
@@ -127,9 +127,15 @@ class CartesianCommands:
 
     def _servo_cp(self, request: Request) -> str:
         self.enter(request.name)
-        goal, twist = self._pose(request), request.values[POSE:]
-        velocity = self._control.cartesian.rates(self._turned(request, twist)) if len(twist) else None
-        return self._follow(request.name, goal, velocity)
+        control, values = self._control, request.values
+        given, twist = (values, None) if len(values) == POSE else (values[:POSE], values[POSE:])
+        is_local = control.cartesian.frames.get(request.text)
+        is_near = is_local is not None and self._reach.is_near(given, is_local)
+        goal = None if is_near else self._pose(request)
+        velocity = None if twist is None else control.cartesian.rates(self._turned(request, twist))
+        if goal is not None:
+            return self._follow(request.name, goal, velocity)
+        return control.follow(request.name, Space.CARTESIAN, velocity)
 
     def _servo_cr(self, request: Request) -> str:
         self.enter(request.name)
@@ -173,7 +179,7 @@ class CartesianCommands:
             joints = self._solve(request.name, goal, seed)
         except CommandRefused:
             if control.motion.moving:
-                control.stop(control.here, Mode.POSITION, "replaced by an impossible move")
+                control.stop(control.here, Mode.POSITION, "replaced by a move that cannot be carried out")
             raise
         control.take_target()[:n] = joints
         return control.move(request, Space.CARTESIAN)
@@ -230,6 +236,8 @@ class CartesianCommands:
 
 def _check_wrench(wrench: Array) -> None:
     """CommandRefused for a wrench that no arm can exert: a wrong unit, or a wrong index."""
+    if wrench.dot(wrench) <= MAX_TORQUE**2:
+        return
     force, torque = float(np.abs(wrench[:3]).max()), float(np.abs(wrench[3:]).max())
     if force > MAX_FORCE or torque > MAX_TORQUE:
         raise CommandRefused(f"{force:g} N and {torque:g} N·m; allowed: {MAX_FORCE:g} N and {MAX_TORQUE:g} N·m")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.clipping import EPISODE_NS, Clipping
 from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.effort_limits import EffortGuard, EffortLimits
 from trocar.procs.arm.efforts import Efforts, Law
@@ -17,41 +18,23 @@ from trocar.procs.arm.gravity import Weight
 from trocar.procs.arm.io_requests import IoRequests
 from trocar.procs.arm.joints import JointSpace, joints
 from trocar.procs.arm.machine import ArmStates
-from trocar.procs.arm.motion import Mode, Motion, Space
+from trocar.procs.arm.motion import EFFORT, NONE, POSITION, Mode, Motion, Space
 from trocar.procs.arm.readings import ArmReadings
 from trocar.procs.arm.record import ArmRecord, SetpointRecord
 from trocar.procs.arm.setup_base import BaseSteps
-from trocar.procs.arm.streams import StreamKind, Streams
 from trocar.procs.arm.supervision import Generations
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.requests import ANSWERED, CommandRefused, Request
+from trocar.procs.node.streams import JAW, StreamKind, Streams
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.procs.tables.codes import Code
 
-EPISODE_NS: Final = 500_000_000
 REPORT_NS: Final = 2_000_000_000
 ARRIVE_NS: Final = 500_000_000  # time for joints to arrive at the goal after the end of a move's trajectory
 NEVER_NS: Final = 1 << 62
 MOVE, JAW_MOVE = "move", "jaw move"
-
-
-class Clipping:
-    """The clipped joints that were already reported: once an episode."""
-
-    def __init__(self, size: int) -> None:
-        self._reported = np.zeros(size, dtype=np.bool_)
-        self._last_ns = -REPORT_NS
-
-    def is_news(self, outside: NDArray[np.bool_], now_ns: int) -> bool:
-        """Whether one of these clipped joints (size,) has just begun to be clipped."""
-        if now_ns - self._last_ns >= EPISODE_NS:
-            self._reported[...] = False
-        self._last_ns = now_ns
-        news = bool((outside & ~self._reported).any())
-        self._reported |= outside
-        return news
 
 
 class Control:
@@ -99,9 +82,10 @@ class Control:
         self._effort_limits.use(joints)
         self.efforts.use(joints.size)
         self.guard.use(joints, self._effort_limits.most)
-        for part in (self.cartesian, self.record, self.setpoint):
-            part.use(joints)
-        self.motion.hold(self.io.setpoint if kept is None else joints.to_joint @ kept, Mode.NONE)
+        self.cartesian.use(joints)
+        self.record.use(joints)
+        self.setpoint.use(joints, self.motion, self.gravity.effort, self.io.position)
+        self.motion.hold(self.io.setpoint if kept is None else joints.to_joint @ kept, NONE)
         self.goal, self._velocity = self.motion.asked, np.zeros(joints.size)
         self._clipped, self._efforts_clipped = Clipping(joints.size), Clipping(joints.size)
 
@@ -110,8 +94,8 @@ class Control:
         why = self._base_steps.step(base, self.now_ns)
         self.cartesian.set_base(base)
         motion = self.motion
-        springs = motion.mode is Mode.EFFORT and self.efforts.law is Law.IMPEDANCE
-        if why and motion.space is Space.CARTESIAN and (motion.mode is Mode.POSITION or springs):
+        springs = motion.mode is EFFORT and self.efforts.law is Law.IMPEDANCE
+        if why and motion.space is Space.CARTESIAN and (motion.mode is POSITION or springs):
             self.end_streams(why, (StreamKind.POSITION, StreamKind.EFFORT))
 
     # reports
@@ -143,7 +127,7 @@ class Control:
 
     def take_goal(self) -> Array:
         """`goal` := the target of all joints; a servo command then changes its own part."""
-        self.goal[...] = self.motion.target if self.motion.mode is Mode.POSITION else self.here
+        self.goal[...] = self.motion.target if self.motion.mode is POSITION else self.here
         if self.motion.jaw_streams:
             self.goal[-1] = self.motion.target[-1]
         return self.goal
@@ -151,17 +135,19 @@ class Control:
     @property
     def here(self) -> Array:
         """Where the joints are held; in effort mode, where io would hold them."""
-        return self.io.setpoint if self.motion.mode is Mode.EFFORT else self.motion.goal
+        return self.io.setpoint if self.motion.mode is EFFORT else self.motion.goal
 
     @property
     def target(self) -> Array:
         """Where the joints are going; in effort mode, where io would hold them."""
-        return self.io.setpoint if self.motion.mode is Mode.EFFORT else self.motion.target
+        return self.io.setpoint if self.motion.mode is EFFORT else self.motion.target
 
     def take_target(self) -> Array:
         """`goal` := the present target of the joints."""
         self._end_efforts()
         self.goal[...] = self.motion.target
+        if self.motion.jaw_moves:
+            self.goal[-1] = self.motion.jaw_goal
         return self.goal
 
     def _clip(self) -> NDArray[np.bool_]:
@@ -187,11 +173,14 @@ class Control:
         The first goal of a stream is checked before clipping, because a wrong number may also be close to a limit. A
         running stream may pass a limit, and its goals are checked after clipping.
         """
-        is_running, governor, joints = self._is_streaming, self.motion.governor, self.joints
-        if is_running and governor.most.item() > LATE_S:
+        governor, joints = self.motion.governor, self.joints
+        if governor.most.item() > LATE_S and self._is_streaming:
             self._report_slow()
         lag_s, axis = governor.lag()
         must_clip, outside = not governor.is_inside or joints.paired is not None, joints.none
+        if lag_s <= MAX_LAG_S and not must_clip:
+            return outside
+        is_running = self._is_streaming
         if must_clip and is_running:
             outside = self._clip()
             lag_s, axis = governor.lag()
@@ -204,8 +193,8 @@ class Control:
     @property
     def _is_streaming(self) -> bool:
         motion, asking = self.motion, self.streams.asking
-        is_jaw = motion.jaw_streams and asking is not None and asking.kind is StreamKind.JAW
-        return (is_jaw or motion.mode is Mode.POSITION) and self.streams.is_running(self.now_ns)
+        is_jaw = motion.jaw_streams and asking is not None and asking.kind is JAW
+        return (is_jaw or motion.mode is POSITION) and self.streams.is_running(self.now_ns)
 
     def jump(self, name: str, why: str, remedy: str) -> CommandRefused:
         """The exception for a goal of a stream of commands `name` that is too far away; a running stream ends."""
@@ -242,7 +231,7 @@ class Control:
         if self.motion.jaw_streams:
             self.motion.adjust(self.here, moves=True)  # only the jaw holds
         else:
-            self.stop(self.here, Mode.POSITION, why)
+            self.stop(self.here, POSITION, why)
         self.status(f"stream ended: {why}")
 
     def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
@@ -255,21 +244,27 @@ class Control:
                 velocity[outside] = 0.0
         self.motion.space = space
         self._end_efforts()
-        self.motion.servo(self.goal, velocity, self.now_ns)
-        self.move_ended(False, "replaced by a servo command")
+        self.motion.servo(self.goal, velocity, self.now_ns, jaw_moves=self._leave_jaw())
         return text
+
+    def _leave_jaw(self) -> bool:
+        """A stream of the arm replaces its move; returns whether a move of the jaw continues beside it."""
+        if JAW_MOVE not in self._moves:
+            self.move_ended(False, "replaced by a servo command")
+            return False
+        self._replace(MOVE, "replaced by a servo command")
+        return True
 
     def drift(self, velocity: Array) -> str:
         """Move at a velocity of the arm's joints (count,)."""
         self._feed(velocity)
         self._end_efforts()
         self.motion.space = Space.JOINT
-        self.motion.drift(self._velocity, self.now_ns)
-        self.move_ended(False, "replaced by a servo command")
+        self.motion.drift(self._velocity, self.now_ns, jaw_moves=self._leave_jaw())
         return ""
 
     def _end_efforts(self) -> None:
-        if self.motion.mode is Mode.EFFORT:
+        if self.motion.mode is EFFORT:
             self.motion.hold(self.io.setpoint)
 
     def _feed(self, velocity: Array) -> Array:
@@ -299,7 +294,7 @@ class Control:
         object.
         """
         self.motion.space = space
-        if self.motion.mode is not Mode.EFFORT:
+        if self.motion.mode is not EFFORT:
             self.efforts.rest()
             self.guard.begin()
         self.motion.push(which)
@@ -319,7 +314,7 @@ class Control:
     def step_efforts(self) -> None:
         """Put the efforts of this cycle into `motion`."""
         motion = self.motion
-        if motion.mode is Mode.EFFORT:
+        if motion.mode is EFFORT:
             self.efforts.step(self.now_ns)
             motion.effort[...] = self.efforts.effort
             self._say_efforts_clipped()
@@ -342,7 +337,9 @@ class Control:
         asked = self.goal.copy()
         outside = self._clip()
         text = self._say_clipped(outside, asked)
-        reason = self.motion.move(self.goal, self.io.velocity, self.now_ns, jaw=what == JAW_MOVE)
+        motion, now_ns, is_jaw = self.motion, self.now_ns, what == JAW_MOVE
+        reason = (motion.move_jaw(self.goal[-1].item(), now_ns) if is_jaw and motion.is_streaming(now_ns)
+                  else motion.move(self.goal, self.io.velocity, now_ns, jaw=is_jaw))
         if reason:
             raise CommandRefused(reason)
         self.motion.space = space
@@ -362,16 +359,19 @@ class Control:
     def short(self) -> str:
         """After the trajectory of a move: joints that have not arrived at their goals, and by how much; "": all have.
 
-        The jaw counts in its own moves only.
+        The jaw counts in its own moves only, and in these no other joint.
         """
-        goal = self.motion.goal
-        if MOVE in self._moves and JAW_MOVE not in self._moves and self.joints.has_jaw:
-            goal = np.append(goal[:-1], self.io.position[-1])
-        return self.joints.short(goal, self.io.position)
+        goal, measured = self.motion.goal, self.io.position
+        if JAW_MOVE not in self._moves:
+            if MOVE in self._moves and self.joints.has_jaw:
+                goal = np.append(goal[:-1], measured[-1])
+        elif MOVE not in self._moves:
+            goal = np.append(measured[:-1], goal[-1])
+        return self.joints.short(goal, measured)
 
     def watch_move(self) -> None:
         """Once a cycle: a move ends when all joints have arrived, or ARRIVE_NS after its trajectory."""
-        if not self.machine.moving or self.motion.moving:
+        if not self.machine.moving or self.motion.moving or self.motion.jaw_moves:
             return
         short = self.short()
         if not short or self.now_ns >= self.motion.end_ns + ARRIVE_NS:

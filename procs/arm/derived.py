@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trocar.procs.arm.arm import ArmLogic
-from trocar.procs.arm.commands import ArmCommandRow, Ready
+from trocar.procs.arm.arm_commands import ArmCommandRow, Ready
 from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.ecm import EcmLogic
 from trocar.procs.arm.motion import Mode, Space
@@ -115,7 +115,7 @@ class DerivedArm(ArmLogic):
         if self.state is not ArmState.HOMED:
             raise CommandRefused(f"it is in {self.machine.sub_state} and must be in {ArmState.HOMED}")
         self._guarded.inner = self._own[name]
-        control.stop(control.here, Mode.POSITION, f"the arm went {name}")
+        control.stop(control.here, Mode.POSITION, f"the arm went to {name}")
         self.machine.begin_own(name)
 
     def end(self) -> None:
@@ -151,7 +151,7 @@ class DerivedArm(ArmLogic):
     @property
     def is_moving(self) -> bool:
         """Whether a `move` is in progress."""
-        return self.control.motion.moving
+        return self.control.motion.moving or self.control.motion.jaw_moves
 
 
 class DerivedPsm(DerivedArm, PsmLogic):

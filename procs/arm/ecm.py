@@ -6,7 +6,7 @@ import dataclasses
 from typing import Final
 
 from trocar.procs.arm.arm import ArmLogic
-from trocar.procs.arm.commands import ArmCommandRow
+from trocar.procs.arm.arm_commands import ArmCommandRow
 from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.gravity import Weight
 from trocar.procs.arm.joints import joints

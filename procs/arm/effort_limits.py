@@ -17,6 +17,8 @@ from trocar.procs.arm.joints import JointSpace
 from trocar.procs.arm.motion import Motion
 from trocar.procs.document.system import Robot
 from trocar.procs.kinematics.poses import Array
+from trocar.procs.native.arm_fields import LIMITS
+from trocar.procs.native.library import chosen
 
 NO_MOTOR: Final = 1e-9  # N·m or N, for a motor without current: avoids division by 0
 FREE_SHARE: Final = 0.5  # of the speed limit, up to which the full effort is available
@@ -38,19 +40,22 @@ class EffortLimits:
 
     def __init__(self, motors: Sequence[float], joints: JointSpace) -> None:
         """`motors`: the largest effort of every actuator; empty: not known, only the kinematic files count."""
-        self._motors = np.maximum(motors, NO_MOTOR) if len(motors) else np.full(joints.axes, np.inf)
+        self.motors = np.maximum(motors, NO_MOTOR) if len(motors) else np.full(joints.axes, np.inf)
         self.use(joints)
 
     def use(self, joints: JointSpace) -> None:
         """Use another joint space."""
         n = joints.size
-        self._none, self._rated, self._map = joints.none, joints.rated, joints.to_joint
-        self._drives = self._map != 0.0  # (size, axes)
-        shares = np.multiply(np.abs(joints.to_actuator), self._motors[:, None], out=np.zeros(joints.to_actuator.shape),
+        self._none, self.rated, self.map = joints.none, joints.rated, np.ascontiguousarray(joints.to_joint)
+        self.size, self.axes = n, joints.axes
+        self._drives = self.map != 0.0  # (size, axes)
+        shares = np.multiply(np.abs(joints.to_actuator), self.motors[:, None], out=np.zeros(joints.to_actuator.shape),
                              where=joints.to_actuator != 0.0)
-        self.most = np.minimum(shares.sum(axis=0), self._rated)
+        self.most = np.minimum(shares.sum(axis=0), self.rated)
         self._load = np.zeros(n + joints.axes)
-        self._of_joints, self._of_motors = self._load[:n], self._load[n:]
+        self.of_joints, self.of_motors = self._load[:n], self._load[n:]
+        self.wanted = np.zeros(n)
+        (self._bear,) = chosen(LIMITS, self, "by_numpy_")
 
     def clip(self, effort: Array, *, together: bool) -> NDArray[np.bool_]:
         """Clip `effort` (size,) to the possible values, in place; returns the mask of clipped joints.
@@ -58,21 +63,28 @@ class EffortLimits:
         `together`: scale all joints by the same factor, so that a wrench at the tip keeps its direction. Else an
         excessive joint effort does not affect joints that share no motor with it: one of them may carry a weight.
         """
-        np.abs(effort, out=self._of_joints)
-        np.divide(self._of_joints, self._rated, out=self._of_joints)
-        np.matmul(effort, self._map, out=self._of_motors)
-        np.abs(self._of_motors, out=self._of_motors)
-        np.divide(self._of_motors, self._motors, out=self._of_motors)
-        if self._load.max() <= 1.0:
+        self.wanted[...] = effort
+        if self._bear():
             return self._none
-        drives_too_much = self._drives @ (self._of_motors > 1.0)
-        outside: NDArray[np.bool_] = (self._of_joints > 1.0) | drives_too_much & (effort != 0.0)
+        drives_too_much = self._drives @ (self.of_motors > 1.0)
+        outside: NDArray[np.bool_] = (self.of_joints > 1.0) | drives_too_much & (effort != 0.0)
         if together:
             effort /= self._load.max()
         else:
-            np.clip(effort, -self._rated, self._rated, out=effort)
-            effort /= self._shared(np.abs(effort @ self._map) / self._motors)
+            np.clip(effort, -self.rated, self.rated, out=effort)
+            effort /= self._shared(np.abs(effort @ self.map) / self.motors)
         return outside
+
+    # the reference of the native library
+
+    def by_numpy_bear(self) -> int:
+        """Whether no joint and no motor has more than it bears; fills both loads for the `wanted` efforts."""
+        np.abs(self.wanted, out=self.of_joints)
+        np.divide(self.of_joints, self.rated, out=self.of_joints)
+        np.matmul(self.wanted, self.map, out=self.of_motors)
+        np.abs(self.of_motors, out=self.of_motors)
+        np.divide(self.of_motors, self.motors, out=self.of_motors)
+        return int(self._load.max() <= 1.0)
 
     def _shared(self, load: Array) -> Array:
         """Divisor for each joint's effort (size,), for a `load` of the motors (axes,) as a multiple of their largest

@@ -22,13 +22,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.native.arm_fields import GOVERNOR
 from trocar.procs.native.library import chosen
+
+if TYPE_CHECKING:
+    from trocar.procs.arm.motion import Motion
 
 MAX_LAG_S: Final = 0.1
 """A stream whose target is further away than a joint moves in this time at its largest speed has jumped, and ends."""
@@ -41,26 +44,17 @@ JOINT_ROWS: Final = ("goal", "target", "asked", "velocity", "feed", "speed", "ac
 """The arrays (size,) of a governor."""
 
 
-class Governed(Protocol):
-    """Owner of the arrays (size,) that the governor works on; they stay the same objects."""
-
-    goal: Array
-    target: Array
-    asked: Array
-    velocity: Array
-    feed_velocity: Array
-
-
 class Governor:
     """Moves `goal` towards `target`. `behind` (size,): distance as seconds at the largest speed, `most`: their maximum.
 
-    `lower`, `upper` (size,): limits of the joints; `is_inside`: the last goal in `asked` is within them.
+    It works on arrays (size,) of a motion, which stay the same objects. `lower`, `upper` (size,): limits of the joints;
+    `is_inside`: the last goal in `asked` is within them.
 
     `clip` is for walls: it may change the setpoint (size,) of this cycle, in place, and returns the reason, "" without
     a change; the reason of the newest cycle is in `clipped`.
     """
 
-    def __init__(self, of: Governed, speed: Array, acceleration: Array, lower: Array, upper: Array) -> None:
+    def __init__(self, of: Motion, speed: Array, acceleration: Array, lower: Array, upper: Array) -> None:
         self.goal, self.target, self.asked = of.goal, of.target, of.asked
         self.velocity, self.feed = of.velocity, of.feed_velocity
         self.speed, self.acceleration = speed, acceleration

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from trocar.procs.arm.readings import ArmReadings
 from trocar.procs.node.inputs import Fields
 from trocar.procs.tables.desired_state import DESIRED_STATES, NONE, OFF, ON
+from trocar.procs.tables.generation import WRAP, next_generation
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.messages import Reply
 from trocar.shm.mailbox.origins import Origin
 
 REFUSED_NS = 1_000_000_000
 MEMORY = 64
-WRAP = 1 << 32  # generations are 32-bit numbers
 
 
 class Switch:
@@ -88,11 +88,6 @@ class IoRequests:
         for cell, value in zip(self._whose, (origin.id, origin.generation, origin.program.encode()), strict=True):
             cell[...] = value
         self._change()
-
-    @property
-    def is_authorized(self) -> bool:
-        """Whether an operator has given a command since this process started: else io gives no power."""
-        return bool(self._whose[0].item())
 
     def _change(self) -> None:
         self._is_new = True
@@ -167,11 +162,11 @@ class IoRequests:
             self._bias_id = self._sender.send("bias_encoders", (self._samples, *self._left_out), self._robot)
 
     def _publish(self) -> None:
-        """Publish another generation, different from those of the previous process. It wraps, and is never 0."""
+        """Publish another generation, different from those of the previous process."""
         self._is_new = False
         seen = int(self._io.desired_generation.item())
         is_ahead = (seen - self._generation) % WRAP < WRAP // 2
-        self._generation = (seen if is_ahead else self._generation) % (WRAP - 1) + 1
+        self._generation = next_generation(seen if is_ahead else self._generation)
         self._generation_out[...] = self._generation
         for switch, cell in self._out:
             cell[...] = switch.code

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trocar.procs.arm.commands import ArmCommandRow, Ready, Table
+from trocar.procs.arm.arm_commands import ArmCommandRow, Ready, Table
 from trocar.procs.arm.control import Control
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.states import ArmState

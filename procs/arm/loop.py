@@ -13,22 +13,22 @@ from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.context import ArmContext, ToolReading
 from trocar.procs.arm.effort_limits import motor_efforts
 from trocar.procs.arm.setup_base import SetupBase, place_of
-from trocar.procs.document.system import ArmConfig, IoConfig
+from trocar.procs.document.system import ArmConfig, IoConfig, RecordPlace
 from trocar.procs.native.library import native
 from trocar.procs.node import runtime
 from trocar.procs.node.inputs import SETUP_LATE_S
 from trocar.procs.node.io_faults import fault_reports, io_stalls, power_reports
+from trocar.procs.node.node import Node
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
-from trocar.procs.tables.manifest import proc
+from trocar.procs.tables.manifest import proc, rest_periods
 from trocar.procs.user.classes import class_named
 from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.subscriptions import EVERY
 
 BEHIND_IO_NS = 40_000  # io's record is published by then
-AT_REST = 100  # cycles without a command or motion
-PERIODS_AT_REST = 2
-PERIODS_OVERLOADED = {False: 2, True: 3}
-"""Periods of an overloaded machine: in motion, at rest."""
+AT_REST = 100  # cycles without motion
+PERIODS_OVERLOADED = 2
 WARN_EVERY_NS = 60_000_000_000
 
 
@@ -78,30 +78,25 @@ def readings(ring: RingReader, io: IoConfig, reader: str) -> Callable[[], ToolRe
     return newest
 
 
-def place_in(io: IoConfig, arm: ArmConfig) -> tuple[int, int]:
-    """The arm's robot among io's: (its number, its first axis)."""
-    first = 0
-    for number, robot in enumerate(io.robots):
-        if robot.name == arm.robot:
-            axes = ARM_TYPES[arm.type].actuators
-            if len(robot.actuators) != axes:
-                raise ValueError(f"{arm.name}: {arm.robot} has {len(robot.actuators)} actuators; a {arm.type}: {axes}")
-            return number, first
-        first += len(robot.actuators)
-    raise ValueError(f"{arm.name}: {io.name} has no robot {arm.robot}")
+def place_in(io: IoConfig, arm: ArmConfig) -> RecordPlace:
+    """The place of the arm's robot in io; ValueError if there is none, or it has another number of actuators."""
+    axes = ARM_TYPES[arm.type].actuators
+    try:
+        place = io.place(arm.robot)
+    except KeyError:
+        raise ValueError(f"{arm.name}: {io.name} has no robot {arm.robot}") from None
+    if len(place.robot.actuators) != axes:
+        raise ValueError(f"{arm.name}: {arm.robot} has {len(place.robot.actuators)} actuators; a {arm.type}: {axes}")
+    return place
 
 
 def gripper_in(io: IoConfig, arm: ArmConfig) -> int:
     """The axis of a master's gripper in io's record, -1: none."""
-    first = 0
-    for robot in io.robots:
-        if arm.gripper and robot.name == arm.gripper and robot.actuators:
-            return first
-        first += len(robot.actuators)
-    return -1
+    return next((place.axes.start for place in io.places if place.robot.name == arm.gripper and place.robot.actuators),
+                -1)
 
 
-def setup_base(node: runtime.Node, arm: ArmConfig) -> SetupBase | None:
+def setup_base(node: Node, arm: ArmConfig) -> SetupBase | None:
     """The base frame from the setup joints that carry the arm; None: the arm is not on setup joints."""
     if not arm.base_from:
         return None
@@ -121,38 +116,39 @@ def most_periods(period_s: float) -> int:
 
 
 class ArmLoop(runtime.Loop):
-    """One arm with its rings and mailbox; `cycle` does the work of one period."""
+    """One arm with its rings and mailbox."""
 
-    def __init__(self, node: runtime.Node) -> None:
-        super().__init__(node)
+    def setup(self) -> None:
+        node = self.node
         node.computes(native().why)
         arm = node.document.arm(node.name)
         if arm.type not in ARM_TYPES:
-            raise ValueError(f"{arm.name}: arms of type {arm.type} are not available; {', '.join(ARM_TYPES)} are")
+            raise ValueError(f"{arm.name}: unknown arm type {arm.type}; allowed: {', '.join(ARM_TYPES)}")
         io = node.document.io(arm.io)
-        number, first_axis = place_in(io, arm)
+        place = place_in(io, arm)
         self._io = LastGood(node.reads(arm.io, "state"))
         self._setpoint, self._state = node.writes("setpoint"), node.writes("state")
         faults, events = node.fault_cell(), node.reads(arm.io, "events")
         self._mailbox = node.mailbox(faults)
         self.arm = logic_of(arm)(arm, ArmContext(
-            self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
-            bool(io.robots[number].brakes), node.commands(arm.io), self._state.field, self._setpoint.field,
+            self._io.field, place.row, place.axes.start, {row.name: i for i, row in enumerate(io.digital_inputs)},
+            bool(place.robot.brakes), node.commands(arm.io), self._state.field, self._setpoint.field,
             node.events, fault_reports(lambda: self._io.stamp_ns, events, arm.robot),
-            power_report=power_reports(self._io.field, io, number), io_stall=io_stalls(events, arm.io),
-            gripper=gripper_in(io, arm), setup_base=setup_base(node, arm), motors=motor_efforts(io.robots[number]),
+            power_report=power_reports(self._io.field, io, place), io_stall=io_stalls(events, arm.io),
+            gripper=gripper_in(io, arm), setup_base=setup_base(node, arm), motors=motor_efforts(place.robot),
             reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader),
             stall=node.stall, simulated=node.simulated, faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         node.follows(arm.io)
-        self._resting = 0
+        self._resting = self._seen = 0
+        self._reported = events
         self._events, self._name, self._warn_ns = node.events, node.name, 0
-        self._most_periods = most_periods(node.row.period_s)
+        self._overloaded = min(PERIODS_OVERLOADED, most_periods(node.row.period_s))
+        self.rest_periods = rest_periods(node.row, io.setpoint_timeout_s)
         self._subscriptions, bits = node.subscriptions, node.subscriptions.bits
         self._parts = ((bits("state", "wrench"), Cartesian.WRENCHES),
                        (bits("state", "spatial_jacobian"), Cartesian.SPATIAL))
-        self._records = bits("state") | bits("setpoint")
         self._show_wanted()
 
     def _show_wanted(self) -> None:
@@ -162,41 +158,47 @@ class ArmLoop(runtime.Loop):
 
     @property
     def may_rest(self) -> bool:
-        """Whether half the cycles are enough: the arm has been off or held for a while, and its records have no
-        subscriber.
+        """The arm has been off or held for a while, and no reader wants every record.
+
+        In simulated time, readers have no influence: a run with the same commands is the same.
         """
-        return self._resting > AT_REST and not self._subscriptions.wanted & self._records
+        return self._resting > AT_REST and (self.node.simulated or not self._subscriptions.wanted & EVERY)
 
     def periods(self, is_overloaded: bool, now_ns: int) -> int:
-        """Periods of the next cycle: two at rest; more, with a warning, on an overloaded machine.
+        """Periods of the next cycle of an arm that does not rest: two, with a warning, on an overloaded machine.
 
         An arm that skips deadlines takes time from other processes, and Linux stops arms for 50 ms if they leave no
         time at all: half as many cycles, evenly spaced, are better.
         """
         if not is_overloaded:
-            return min(PERIODS_AT_REST, self._most_periods) if self.may_rest else 1
-        periods = min(PERIODS_OVERLOADED[self.may_rest], self._most_periods)
+            return 1
+        periods = self._overloaded
         if periods > 1 and now_ns >= self._warn_ns:
-            self._events.report(codes.CPU_OVERLOAD,
-                                f"{self._name}: the machine is overloaded: one cycle in {periods}")
+            self._events.report(codes.CPU_OVERLOAD, f"{self._name}: the machine is overloaded: one cycle in {periods}")
             self._warn_ns = now_ns + WARN_EVERY_NS
         return periods
 
-    def wait(self) -> bool:
+    def tick(self) -> bool:
         node = self.node
-        return node.tick(periods=1 if node.clock.simulated else self.periods(node.is_overloaded, node.now_ns))
+        return super().tick() if self.may_rest else node.tick(periods=self.periods(node.is_overloaded, node.now_ns))
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
+    def has_news(self) -> bool:
+        return self._mailbox.has_news or self._reported.head != self._seen
+
+    def update(self) -> None:
         """io's newest record and the commands in, the setpoints and the arm's state out."""
-        io = self._io
-        self._resting = self._resting + 1 if self.arm.at_rest and not self._mailbox.has_news else 0
+        io, node = self._io, self.node
+        now_ns = node.now_ns
+        if (head := self._reported.head) != self._seen:  # io publishes the record that shows a fault after its report
+            self._seen, self._resting = head, 0
         io.take()
         if self._subscriptions.look():
             self._show_wanted()
-        self.arm.step(now_ns, io.stamp_ns, io.epoch, self._mailbox.drain(wall_ns))
+        self.arm.step(now_ns, io.stamp_ns, io.epoch, self._mailbox.drain(node.wall_ns))
+        self._resting = self._resting + 1 if self.arm.at_rest else 0
         self._setpoint.publish(now_ns)
         self._state.publish(now_ns)
-        self.node.follow(int(self.written), BEHIND_IO_NS)
+        node.follow(int(self.written), BEHIND_IO_NS)
 
 
 def main() -> None:

@@ -132,6 +132,8 @@ class ArmStates:
 
     def settle(self, *, is_power_off: bool) -> None:
         """Answer the state commands in progress when they have ended."""
+        if not self._pending:
+            return
         done = [each for each in self._pending if self._is_done(each[0], is_power_off)]
         for each in done:
             self._pending.remove(each)

@@ -3,7 +3,8 @@
 io receives `goal`: for a stream, the governor's output for its target in this cycle; for a move, the point of its
 trajectory. Vectors are (size,) in the joint space of `joints.py`, jaw last; time is the `now_ns` argument. A move of
 the arm and one of the jaw share one trajectory: a new goal for one of them leaves the other's goal unchanged. A stream
-of the jaw beside a move of the arm has the jaw's part of the governor.
+of the jaw beside a move of the arm has the jaw's part of the governor; beside a stream of the arm, a move of the jaw
+has a trajectory of its own, whose points are targets of the jaw.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from numpy.typing import NDArray
 
 from trocar.procs.arm.governor import MAX_STEP_NS, Governor
 from trocar.procs.arm.joints import JointSpace
-from trocar.procs.arm.streams import STREAM_NS
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.kinematics.trajectory import Trajectory
 from trocar.procs.node.inputs import FOR_EVER_NS
+from trocar.procs.node.streams import STREAM_NS
+
+WOKEN_STEP_NS = 2_000_000  # when a motion begins: the process of an arm at rest has slept since its last step
 
 
 class Mode(IntEnum):
@@ -28,6 +31,10 @@ class Mode(IntEnum):
     POSITION = 1
     TRAJECTORY = 2
     EFFORT = 3
+
+
+NONE, POSITION, TRAJECTORY, EFFORT = Mode
+"""Its members: to look one up in its class takes as long as a call."""
 
 
 class Space(IntEnum):
@@ -50,7 +57,7 @@ class Motion:
         """`jerk_time_s`: see `Trajectory`."""
         self._jerk_time_s = jerk_time_s
         self.ratio_v = self.ratio_a = 1.0
-        self.mode, self.space = Mode.NONE, Space.NONE
+        self.mode, self.space = NONE, Space.NONE
         self.moving = False
         self.has_velocity = False
         self._start_ns = self._duration_ns = 0
@@ -61,7 +68,9 @@ class Motion:
         """The setpoint is at its target."""
         self.jaw_streams = False
         """While the others move, the jaw follows its target."""
-        self._stepped_ns = 0
+        self.jaw_moves = False
+        """While the others follow a stream, the jaw moves."""
+        self._stepped_ns, self._rested = 0, True
         self.use(joints)
 
     def use(self, joints: JointSpace) -> None:
@@ -79,8 +88,9 @@ class Motion:
         self._lower, self._upper = joints.lower, joints.upper
         self.in_effort = np.zeros(n, dtype=np.bool_)
         """Joints that efforts are applied to; the others follow their goal, in EFFORT mode too."""
-        self._trajectory = Trajectory(n, self._jerk_time_s)
-        self._enter(Mode.NONE)
+        self._trajectory, self._jaw_path = Trajectory(n, self._jerk_time_s), Trajectory(1, self._jerk_time_s)
+        self._jaw_point, self._jaw_velocity = np.zeros((2, 1))
+        self._enter(NONE)
 
     @property
     def ratio(self) -> float:
@@ -92,20 +102,20 @@ class Motion:
         """End of the move that runs, or ran last."""
         return self._start_ns + self._duration_ns
 
-    def hold(self, position: Array, mode: Mode = Mode.POSITION) -> None:
+    def hold(self, position: Array, mode: Mode = POSITION) -> None:
         """Stay at `position`."""
         self.goal[...] = position
         self.target[...] = position
         self.governor.start(0.0)
-        self.settled = True
+        self.settled, self.jaw_moves = True, False
         self._served_ns = -STREAM_NS
-        if mode is Mode.NONE:
+        if mode is NONE:
             self.space = Space.NONE
         self._enter(mode)
 
-    def servo(self, position: Array, velocity: Array | None, now_ns: int) -> None:
-        """Follow `position` from now on, with a velocity feed."""
-        self._enter(Mode.POSITION)
+    def servo(self, position: Array, velocity: Array | None, now_ns: int, *, jaw_moves: bool = False) -> None:
+        """Follow `position` from now on, with a velocity feed; if the `jaw_moves`, its move continues."""
+        self._enter_stream(now_ns, jaw_moves=jaw_moves)
         self.target[...] = position
         self.settled = False
         self.has_velocity = velocity is not None
@@ -113,10 +123,10 @@ class Motion:
             self.feed_velocity[...] = velocity
         self._served_ns = now_ns
 
-    def drift(self, velocity: Array, now_ns: int) -> None:
-        """Move at a velocity, until the stream of such commands ends or a limit is reached."""
-        if self.mode is not Mode.POSITION or not self.drifting:
-            self._enter(Mode.POSITION)
+    def drift(self, velocity: Array, now_ns: int, *, jaw_moves: bool = False) -> None:
+        """Move at a velocity, until the stream of such commands ends or a limit is reached; as for `servo`."""
+        if self.mode is not POSITION or not self.drifting:
+            self._enter_stream(now_ns, jaw_moves=jaw_moves)
             self.target[...] = self.goal
         self.feed_velocity[...] = velocity
         self.drifting = self.has_velocity = True
@@ -130,14 +140,14 @@ class Motion:
             self.jaw_streams = True
             self.target[-1] = position[-1]
             return
-        if self.mode is not Mode.POSITION:
-            self._enter(Mode.POSITION)
+        if self.mode is not POSITION:
+            self._enter(POSITION)
         self.target[...] = position
-        self.settled = False
+        self.settled = self.jaw_moves = False
 
     def push(self, which: NDArray[np.bool_] | None = None) -> None:
         """Apply `effort` instead of following positions, to the joints `which` (None: all); the others stay."""
-        self._enter(Mode.EFFORT)
+        self._enter(EFFORT)
         self.in_effort[...] = True if which is None else which
 
     def add(self, feed: Array, end_ns: int) -> None:
@@ -160,29 +170,58 @@ class Motion:
                 self.jaw_streams = streams
             return reason
         self._trajectory.forget()
-        if self.mode is Mode.POSITION and now_ns - self._served_ns < STREAM_NS:
+        if self.is_streaming(now_ns):
             if not self.has_velocity:  # a stream without velocities: the arm moves about as fast as the stream
                 limit = self._v_max * self.ratio_v
                 self.velocity[...] = np.clip(measured_velocity, -limit, limit)
             self._bound_start()
         else:
             self.velocity[...] = 0.0
-        streams = self._has_jaw and not jaw and self.mode is Mode.POSITION and self.goal[-1] != target[-1]
+        if self.jaw_moves:  # the arm's move takes it along
+            self.velocity[-1] = self._jaw_velocity.item()
+        streams = (self._has_jaw and not jaw and not self.jaw_moves and self.mode is POSITION
+                   and self.goal[-1] != target[-1])
         reason = self._plan(target, now_ns, streams)
         if not reason:
             self.target[...] = target
-            self.mode = Mode.TRAJECTORY
+            self.mode = TRAJECTORY
             self.in_effort[...] = False
             self.drifting = False
-            self.moving, self.jaw_streams = True, streams
+            self.moving, self.jaw_streams, self.jaw_moves = True, streams, False
         return reason
+
+    @property
+    def jaw_goal(self) -> float:
+        """Where the jaw is going."""
+        return float(self._jaw_path.goal[0] if self.jaw_moves else self.target[-1])
+
+    def is_streaming(self, now_ns: int) -> bool:
+        """Whether a stream of the arm has had a goal recently."""
+        return self.mode is POSITION and now_ns - self._served_ns < STREAM_NS
+
+    def move_jaw(self, goal: float, now_ns: int) -> str:
+        """Move the jaw beside a stream of the arm, or redirect that move; returns as `move` does."""
+        return self._move_jaw(goal, self._jaw_velocity.item() if self.jaw_moves else 0.0, now_ns)
+
+    def _move_jaw(self, goal: float, velocity: float, now_ns: int) -> str:
+        if not self.jaw_moves:
+            self._jaw_path.forget()
+        v_max, a_max = self._v_max[-1:] * self.ratio_v, self._a_max[-1:] * self.ratio_a
+        error = self._jaw_path.start(self.goal[-1:], np.array([velocity]), np.array([goal]), v_max, a_max, 0.0)
+        if error is not None:
+            return error.value
+        self._start_ns, self._duration_ns = now_ns, round(self._jaw_path.duration * 1e9)
+        self.jaw_moves = True
+        return ""
 
     def _bound_start(self) -> None:
         """Moves brake more gently than streams: limit the start velocity so that the move stays within the joint
-        limits.
+        limits. To stop from v takes v²/(2a), and v·J/2 more with a jerk limit.
         """
         room = np.where(self.velocity > 0.0, self._upper - self.goal, self.goal - self._lower)
-        most = np.sqrt(self._a_max * self.ratio_a * np.maximum(room, 0.0))  # stops in half of it
+        a_max = self._a_max * self.ratio_a
+        rise = a_max * self._jerk_time_s / 2.0
+        most = np.sqrt(rise * rise + a_max * np.maximum(room, 0.0)) - rise  # stops in half of it
         np.minimum(self.velocity, most, out=self.velocity)
         np.maximum(self.velocity, -most, out=self.velocity)
 
@@ -205,10 +244,16 @@ class Motion:
         if self.moving:
             self._evaluate(now_ns)
             self._plan(self.target, now_ns, self.jaw_streams)  # should it fail, the move continues unchanged
+        elif self.jaw_moves:
+            self.move_jaw(self.jaw_goal, now_ns)
 
     def step(self, now_ns: int) -> None:
         """Advance to `now_ns`."""
         passed_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
+        self._step(now_ns, min(passed_ns, WOKEN_STEP_NS) if self._rested else passed_ns)
+        self._rested = self.settled and not (self.moving or self.drifting)
+
+    def _step(self, now_ns: int, passed_ns: int) -> None:
         if self.moving:
             if self.jaw_streams:
                 self._jaw_governor.step(passed_ns, has_feed=False)
@@ -219,7 +264,12 @@ class Motion:
             self.velocity[...] = 0.0
         if self.drifting:
             self._drift(passed_ns)
-        if not self.settled and self.mode is Mode.POSITION:
+        if self.jaw_moves:
+            at_s = (now_ns - self._start_ns) * 1e-9
+            self.jaw_moves = not self._jaw_path.evaluate(at_s, self._jaw_point, self._jaw_velocity)
+            self.target[-1] = self._jaw_point.item()
+            self.settled = False
+        if not self.settled and self.mode is POSITION:
             self.settled = not self.governor.step(passed_ns, has_feed=self.has_velocity)
 
     def _drift(self, passed_ns: int) -> None:
@@ -233,7 +283,7 @@ class Motion:
 
     def is_pending(self, now_ns: int) -> bool:
         """Whether a servo goal was given in this very cycle, or has not been reached yet."""
-        return self._served_ns == now_ns or (self.mode is Mode.POSITION and not self.settled)
+        return self._served_ns == now_ns or (self.mode is POSITION and not self.settled)
 
     def _advance(self, now_ns: int) -> None:
         if now_ns < self.end_ns:
@@ -241,7 +291,7 @@ class Motion:
         elif self.jaw_streams:
             self.goal[:-1] = self.target[:-1]
             self.velocity[:-1] = 0.0
-            self._enter(Mode.POSITION)
+            self._enter(POSITION)
             self.settled = False
         else:
             self.goal[...] = self.target
@@ -249,8 +299,17 @@ class Motion:
             self.has_velocity = False
             self.moving = False
 
+    def _enter_stream(self, now_ns: int, *, jaw_moves: bool) -> None:
+        """Positions from now on; a move of the jaw that was part of the trajectory gets one of its own."""
+        if not (jaw_moves and self.moving):
+            self._enter(POSITION)
+            return
+        goal, velocity = self.target[-1].item(), self.velocity[-1].item()
+        self._enter(POSITION)
+        self._move_jaw(goal, velocity, now_ns)
+
     def _enter(self, mode: Mode) -> None:
-        if mode is self.mode is Mode.POSITION:  # the next goal of a stream
+        if mode is self.mode is POSITION:  # the next goal of a stream
             self.drifting = False
             if self.has_velocity:
                 self.has_velocity = False
@@ -261,7 +320,7 @@ class Motion:
         if mode is not self.mode:
             self._served_ns = -STREAM_NS
             self.governor.start(self.velocity if self.moving else 0.0)
-        self.moving = self.jaw_streams = False
+        self.moving = self.jaw_streams = self.jaw_moves = False
         self.mode = mode
         self.has_velocity = False
         self.velocity[...] = 0.0

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.arm.control import Control
+from trocar.procs.arm.near import FURTHEST_TURN, Near
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import Array, rotation_vector
 from trocar.procs.node.requests import CommandRefused
@@ -22,7 +23,6 @@ from trocar.procs.node.requests import CommandRefused
 Guard = Callable[[Array, Array], None]
 """Changes the joints (count,) found for a goal, in place, if it is not safe to go there from the second argument."""
 
-FURTHEST_TURN: Final = 0.5 * math.pi  # rad; more at once is another way to hold the tip, or another turn of the roll
 QUICKEST: Final = math.pi  # rad/s at and from a limit, if the joint is that fast
 BREAK_NS: Final = 30_000_000  # a goal after a longer gap begins a new stream, and may be reached at once
 HELD_UP_NS: Final = 1_000_000_000  # but within this time a delayed stream continues on its way from a limit
@@ -41,6 +41,24 @@ class Reach:
         self._is_limited = False
         self._kept: Array = np.zeros(0)  # the joints after the last limited goal
         self._wanted: Array = np.eye(4)  # that goal
+        self._near: Near | None = None
+
+    def is_near(self, pose: Array, is_local: bool) -> bool:
+        """Whether a pose (7,) of a command is near and within reach, as usual: then `goal` has its joints.
+
+        Otherwise `find` decides.
+        """
+        control, inverse, near = self._control, self._control.joints.inverse, self._near
+        at = control.take_goal()
+        if near is None or near.solver is not inverse:
+            if inverse is None or not inverse.is_direct:
+                return False
+            near = self._near = Near(inverse, control.cartesian, at[: control.joints.count])
+        if self._is_limited or not near.find(pose, is_local) or self._keep_safe(near.joints, near.at):
+            return False
+        self._served_ns = control.now_ns
+        near.at[...] = near.joints
+        return True
 
     def find(self, name: str, inverse: InverseSolver, goal: Array, at: Array) -> tuple[Array, str]:
         """Joints (count,) for a goal (4, 4) in the arm's base, from the present `at`; and why they differ from the
@@ -72,7 +90,7 @@ class Reach:
             found[...] = at + change / too_far
         if self._is_limited:
             self._kept, self._wanted = found.copy(), goal.copy()
-        return found, why or ("on the way back from there" if self._is_limited else "")
+        return found, why or ("returning from the limit" if self._is_limited else "")
 
     def _is_left_at(self, at: Array) -> bool:
         """Whether the stream was limited and the joints have not moved otherwise since."""
@@ -90,7 +108,7 @@ class Reach:
         most = max(turns)
         if most <= FURTHEST_TURN:
             return ""
-        return f"{inverse.kinematics.names[turns.index(most)]} would have to turn by {math.degrees(most):.0f}° at once"
+        return f"{inverse.kinematics.names[turns.index(most)]} would have to turn {math.degrees(most):.0f}° in one step"
 
     def _keep_safe(self, found: Array, at: Array) -> str:
         """Keep out of the cannula."""

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from trocar.procs.arm.joints import JointSpace
 from trocar.procs.kinematics.poses import Array
+from trocar.procs.native.arm_fields import CHANGED, FAULTY, FRESH, POWER, READINGS, VALID
+from trocar.procs.native.library import chosen
 from trocar.procs.node.inputs import LATE_NS, Fields
-from trocar.procs.tables.codes import ARM_LOST, ERROR, FAULTS
+from trocar.procs.node.io_faults import HARMLESS
 
 ROWS = ("position", "velocity", "effort", "setpoint_position", "setpoint_velocity", "setpoint_effort")
-HARMLESS = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
 
 
 class ArmReadings:
@@ -24,8 +25,10 @@ class ArmReadings:
     `fresh`: io's record is recent; `has_power`: supply, relay and watchdog are good and every amplifier is on; `valid`:
     joint values are meaningful (fresh, powered, biased). `problem`: number of a latched fault that ends driving, 0:
     none; a timeout of this very process no longer counts once it runs again. `rows` (6, size): all joint values in the
-    order of ROWS.
+    order of ROWS. `is_faulty`: io's record has a fault.
     """
+
+    LATE_NS = LATE_NS
 
     def __init__(self, field: Fields, robot: int, first_axis: int, joints: JointSpace) -> None:
         """`field` gives the record's arrays, `robot` is the index of the robot in io, `first_axis` its first axis."""
@@ -35,14 +38,14 @@ class ArmReadings:
             return field(name)[axes]
 
         def flag(name: str) -> NDArray[Any]:
-            return field(name)[robot : robot + 1].reshape(())
+            return field(name)[robot : robot + 1]
 
         self.stamp_ns = 0
         self.epoch = 0
         self.fresh = False
         self.changed = True
         """Joint values have changed since the previous cycle."""
-        self._raw = b""
+        self._found = -1
         self.input = field("input")
         self.age_ns = flag("sample_age_ns")
         self.at_limit, self.in_effort, self.encoder_set = axis("at_limit"), axis("effort_mode"), axis("encoder_set")
@@ -56,9 +59,12 @@ class ArmReadings:
         self.desired_generation, self.desired_void, self.desired_refused = (
             flag("desired_generation"), flag("desired_void"), flag("desired_refused"))
         # (6, axes): position, velocity, effort, measured and then as setpoint
-        self._actuator = contiguous_view([axis(name) for name in ROWS])
-        self._read = np.zeros((6, joints.axes))
-        self.has_power = self.valid = False
+        given = [axis(name) for name in ROWS]
+        (self.given_position, self.given_velocity, self.given_effort,
+         self.given_setpoint, self.given_setpoint_velocity, self.given_setpoint_effort) = given
+        self._actuator, self.axes = contiguous_view(given), joints.axes
+        self.read = np.zeros((6, joints.axes))
+        self.has_power = self.valid = self.is_faulty = False
         self.problem = 0
         self.use(joints)
 
@@ -67,34 +73,42 @@ class ArmReadings:
         self.rows = np.zeros((6, joints.size))
         self.position, self.velocity, self.effort = self.rows[:3]
         self.setpoint, self.setpoint_velocity, self.setpoint_effort = self.rows[3:]
-        self._efforts, self._joint_efforts = self._read[2::3], self.rows[2::3]
-        # row vectors: (A · x)ᵀ = xᵀ · Aᵀ; joint efforts are the actuators' by the transpose of joint → actuator
-        self._motion_map, self._effort_map = joints.to_joint.T, joints.to_actuator
-        self._raw = b""
+        self._efforts, self._joint_efforts = self.read[2::3], self.rows[2::3]
+        self.size = joints.size
+        self.to_joint, self.to_actuator = map(np.ascontiguousarray, (joints.to_joint, joints.to_actuator))
+        (self._update,) = chosen(READINGS, self, "by_numpy_")
         self._convert()
 
     def update(self, now_ns: int, stamp_ns: int, epoch: int) -> None:
         """A new cycle: io's record has the stamp `stamp_ns` (0: none yet) and io's start count `epoch`."""
         self.stamp_ns, self.epoch = stamp_ns, epoch
-        self.fresh = stamp_ns > 0 and abs(now_ns - stamp_ns) <= LATE_NS
-        powered = self.powered.item()
-        self.has_power = bool(powered and self.amps_on.item())
-        fault = int(self.fault.item())
+        found = self._update(now_ns, stamp_ns)
+        self.changed = found & CHANGED != 0
+        if found == self._found and not found & FAULTY:
+            return
+        self._found = found
+        self.fresh, self.has_power, self.valid = found & FRESH != 0, found & POWER != 0, found & VALID != 0
+        self.is_faulty = found & FAULTY != 0
+        fault = int(self.fault.item()) if self.is_faulty else 0
         self.problem = 0 if fault in HARMLESS else fault
-        self.valid = bool(
-            self.fresh and powered and self.biased.item() and 0 <= self.age_ns.item() <= LATE_NS
-        )
-        self._convert()
 
     def _convert(self) -> None:
-        self._read[...] = self._actuator
-        raw = self._read.tobytes()
-        self.changed = raw != self._raw
-        if not self.changed:  # a kinematic robot at rest
-            return
-        self._raw = raw
-        self._read.dot(self._motion_map, self.rows)  # takes half as long as matmul
-        np.matmul(self._efforts, self._effort_map, out=self._joint_efforts)
+        self.read[...] = self._actuator
+        np.matmul(self.read, self.to_joint.T, out=self.rows)  # row vectors: (A · x)ᵀ = xᵀ · Aᵀ
+        # joint efforts are the actuators' by the transpose of joint → actuator
+        np.matmul(self._efforts, self.to_actuator, out=self._joint_efforts)
+
+    # the reference of the native library
+
+    def by_numpy_update(self, now_ns: int, stamp_ns: int) -> int:
+        """Convert joint values that have changed; returns what is the case."""
+        is_fresh, powered = stamp_ns > 0 and abs(now_ns - stamp_ns) <= LATE_NS, bool(self.powered.item())
+        is_valid = is_fresh and powered and self.biased.item() and 0 <= self.age_ns.item() <= LATE_NS
+        is_changed = self._actuator.tobytes() != self.read.tobytes()
+        if is_changed:
+            self._convert()
+        return ((FRESH if is_fresh else 0) | (POWER if powered and self.amps_on.item() else 0)
+                | (VALID if is_valid else 0) | (CHANGED if is_changed else 0) | (FAULTY if self.fault.item() else 0))
 
 
 def contiguous_view(rows: Sequence[NDArray[Any]]) -> Array:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from trocar.procs.arm.joints import JointSpace
-from trocar.procs.arm.motion import Mode, Motion, Space
+from trocar.procs.arm.motion import EFFORT, Mode, Motion, Space
 from trocar.procs.arm.readings import ROWS, ArmReadings, contiguous_view
 from trocar.procs.arm.states import PUBLISHED, ArmState
 from trocar.procs.arm.supervision import Generations
 from trocar.procs.kinematics.poses import Array
+from trocar.procs.native.arm_fields import SETPOINT
+from trocar.procs.native.library import chosen
 from trocar.procs.node.inputs import Fields
 from trocar.shm.memory.layout import shorten
 
@@ -124,55 +126,43 @@ class SetpointRecord:
         """`field` gives the arrays of the arm's setpoint record."""
         self._mode, self._has_velocity = field("mode"), field("has_velocity")
         self._bias_generation, self._pid_generation = field("bias_generation"), field("pid_generation")
-        self._rows = contiguous_view([field("position")[:axes], field("velocity")[:axes]])
-        self._effort, self._feed_forward = field("effort")[:axes], field("feed_forward")[:axes]
-        self._in_effort = field("in_effort")[:axes]
+        self.axes = axes
+        self.position, self.velocity, self.effort, self.feed_forward, self.in_effort = (
+            field(name)[:axes] for name in ("position", "velocity", "effort", "feed_forward", "in_effort"))
         self._mode[...] = 0
         field("count")[...] = axes
         field("in_effort")[...] = False
         for name in ("position", "velocity", "effort", "feed_forward"):
             field(name)[...] = 0.0
-        self._done, self._fed = b"", (b"", b"")
         self._pushed = False
         self._driving: Generations | None = None
         self._carries = False
         self._has_velocity[...] = False
 
-    def use(self, joints: JointSpace) -> None:
-        """Use another joint space."""
-        self._to_actuator, self._effort_map = joints.to_actuator.T, joints.to_joint
-        self._moved_by = joints.to_actuator != 0.0
-        self._done, self._fed = b"", (b"", b"")
-
-    def show(self, motion: Motion, gravity: Array, measured: Array, driving: Generations | None) -> None:
-        """Show the setpoints for io, with the bias and the enable they are meant for; None: alive without a command.
+    def use(self, joints: JointSpace, motion: Motion, gravity: Array, measured: Array) -> None:
+        """Use another joint space, and its arrays.
 
         `gravity` (size,): efforts added in every mode; `measured` (size,): positions of the joints in effort mode.
         """
+        self.size, self.motion, self.gravity, self.measured = joints.size, motion, gravity, measured
+        self.to_joint, self.to_actuator = map(np.ascontiguousarray, (joints.to_joint, joints.to_actuator))
+        (self._show,) = chosen(SETPOINT, self, "by_numpy_")
+
+    def show(self, driving: Generations | None) -> None:
+        """Show the setpoints for io, with the bias and the enable they are meant for; None: alive without a command."""
+        motion = self.motion
         if driving is not self._driving:
             self._drive(driving)
         if driving is None:
             return
-        fed = gravity.tobytes(), motion.feed.tobytes()
-        if fed != self._fed:
-            self._fed = fed
-            np.matmul(gravity + motion.feed, self._effort_map, out=self._feed_forward)  # rows: xᵀ · A = (Aᵀ · x)ᵀ
-        rows = motion.rows
-        if motion.mode is Mode.EFFORT:
-            np.matmul(motion.effort, self._effort_map, out=self._effort)
-            np.logical_not(self._moved_by @ ~motion.in_effort, out=self._in_effort)  # it moves no joint that follows
-            np.copyto(motion.goal, measured, where=motion.in_effort)  # an actuator that follows may move two joints
-            self._pushed = True
-        elif self._pushed:
-            self._pushed = False
-            self._effort[...] = 0.0
-            self._in_effort[...] = False
+        is_pushed = motion.mode is EFFORT
+        if self._pushed and not is_pushed:
+            self.effort[...] = 0.0
+            self.in_effort[...] = False
+        self._pushed = is_pushed
+        self._show(is_pushed)
         if motion.has_velocity is not self._carries:
             self._has_velocity[...] = self._carries = motion.has_velocity
-        wanted = rows.tobytes()
-        if wanted != self._done:  # once is enough for an arm that holds
-            self._done = wanted
-            np.matmul(rows, self._to_actuator, out=self._rows)
 
     def _drive(self, driving: Generations | None) -> None:
         self._driving = driving
@@ -180,3 +170,17 @@ class SetpointRecord:
         if driving is not None:
             self._bias_generation[...] = driving.bias
             self._pid_generation[...] = driving.pid
+
+    # the reference of the native library
+
+    def by_numpy_show(self, in_effort: int) -> int:
+        """Map goals, velocities and efforts to the actuators; `in_effort`: of joints in effort mode too."""
+        motion = self.motion
+        np.matmul(self.gravity + motion.feed, self.to_joint, out=self.feed_forward)  # rows: xᵀ · A = (Aᵀ · x)ᵀ
+        if in_effort:
+            np.matmul(motion.effort, self.to_joint, out=self.effort)
+            np.logical_not((self.to_actuator != 0.0) @ ~motion.in_effort, out=self.in_effort)  # moves none that follows
+            np.copyto(motion.goal, self.measured, where=motion.in_effort)  # one that follows may move two joints
+        np.matmul(motion.goal, self.to_actuator.T, out=self.position)
+        np.matmul(motion.velocity, self.to_actuator.T, out=self.velocity)
+        return 0

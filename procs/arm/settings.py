@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from trocar.procs.arm.commands import ArmCommandRow, Table
+from trocar.procs.arm.arm_commands import ArmCommandRow, Table
 from trocar.procs.arm.control import Control
 from trocar.procs.kinematics.poses import Array, given_pose, pose_from_matrix
 from trocar.procs.node.requests import CommandRefused, Request, switch
@@ -34,7 +34,8 @@ class Settings:
             "set_base_frame": ArmCommandRow(self._set_base_frame),
             "use_gravity_compensation": ArmCommandRow(self._use_gravity_compensation),
             "forward_kinematics": ArmCommandRow(self._forward),
-            "local/forward_kinematics": ArmCommandRow(self._local_forward),
+            "local/forward_kinematics": ArmCommandRow(
+                lambda request: _answer(pose_from_matrix(self._pose_of(request)).tolist())),
             "inverse_kinematics": ArmCommandRow(self._inverse),
             "actuator_to_joint_position": ArmCommandRow(self._actuator_to_joint),
             "crtk_version": ArmCommandRow(lambda _: CRTK_VERSION),
@@ -75,7 +76,7 @@ class Settings:
         gravity, wanted = self._control.gravity, switch(request)
         if wanted and not gravity.known:
             why = ("this arm has no gravity model; an arm file gives it one: gravity_compensation of a master, "
-                   "kinematic_gc of others")
+                   "kinematic_gc (other arms)")
             if self._has_reported_no_model:  # a teleoperation sends this each time it begins to follow
                 raise CommandRefused(why)
             self._has_reported_no_model = True
@@ -89,10 +90,7 @@ class Settings:
         self._control.cartesian.need_base()
         return _answer(pose_from_matrix(self._control.cartesian.to_reference(pose)).tolist())
 
-    def _local_forward(self, request: Request) -> str:
-        return _answer(pose_from_matrix(self._pose_of(request)).tolist())
-
-    def _pose_of(self, request: Request) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    def _pose_of(self, request: Request) -> Array:
         """The pose (4, 4) after as many joints as there are values; the tip's if all are given."""
         kinematics, values = self._control.joints.kinematics, request.values
         if kinematics is None:

@@ -42,7 +42,7 @@ def _step(before: Array, now: Array) -> str:
     turn = math.acos(min(1.0, max(-1.0, 0.5 * (float((before[:3, :3] * now[:3, :3]).sum()) - 1.0))))
     if far <= MAX_STEP and turn <= MAX_TURN:
         return ""
-    return f"the base frame moved by {far * 1e3:.1f} mm and {math.degrees(turn):.1f}° at once"
+    return f"the base frame moved by {far * 1e3:.1f} mm and {math.degrees(turn):.1f}° in one step"
 
 
 class SetupBase:

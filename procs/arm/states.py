@@ -30,6 +30,8 @@ class ArmState(StrEnum):
     OWN = "OWN"  # of a derived arm; published under the name given there
 
 
+HOMED, FAULT = ArmState.HOMED, ArmState.FAULT  # looked up here: in the class that takes as long as a call
+
 class ArmEvent(StrEnum):
     """Events that move an arm between its states: the words of `state_command`, then conditions."""
 

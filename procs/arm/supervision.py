@@ -9,10 +9,8 @@ from trocar.procs.arm.readings import ArmReadings
 from trocar.procs.arm.states import UP, ArmState
 from trocar.procs.node.fault_report import NO_FAULT, FaultReport
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import AMPLIFIER, POWER_TIMEOUT
 
 UNWATCHED = frozenset((ArmState.DISABLED, ArmState.FAULT))
-POWER_PROBLEMS = frozenset((POWER_TIMEOUT.number, AMPLIFIER.number))  # while powering: there is a second try
 MUST_HAVE_POWER = frozenset((*UP, ArmState.PAUSED))
 
 
@@ -45,7 +43,7 @@ def problem(
         return FaultReport(codes.IO_TIMEOUT, "io does not answer")
     if io.epoch != epoch:
         return FaultReport(codes.IO_RESTARTED, io_stall(io.stamp_ns) or codes.IO_RESTARTED.cause)
-    if io.problem and not (state is ArmState.POWERING and io.problem in POWER_PROBLEMS):
+    if io.problem:
         return fault_report(io.problem)
     if state in MUST_HAVE_POWER and not io.has_power:
         return power_report()

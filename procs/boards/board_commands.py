@@ -67,6 +67,7 @@ def _for_people(faults: BoardFaults, instruments: EmulatedInstruments, hands: Ha
         "remove_instrument": lambda text, v: instruments.remove(text),
         "apply_effort": lambda text, v: faults.push(text, np.array(v)),
         "set_position": lambda text, v: faults.place(text, np.array(v)),
+        "move_by_hand": lambda text, v: faults.place(text, np.array(v), by_hand=True),
         "support": lambda text, v: faults.support(text, bool(v[0])),
         "pull_tip": lambda text, v: hands.hold(text, np.array(v[:POSE]), Grip.of(*v[POSE:]) if v[POSE:] else None),
         "release_tip": lambda text, v: hands.release(text),

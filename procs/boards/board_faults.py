@@ -52,14 +52,17 @@ class BoardFaults:
         self._actuators(robot)
         self._plant.support(robot, supported)
 
-    def place(self, robot: str, positions: npt.NDArray[np.float64]) -> None:
-        """Set the position of a robot's actuators, rad or m, at rest; `SUJ/PSM1`: a setup arm with released brakes."""
+    def place(self, robot: str, positions: npt.NDArray[np.float64], *, by_hand: bool = False) -> None:
+        """Set the position of a robot's actuators, rad or m, at rest; `SUJ/PSM1`: a setup arm with released brakes.
+
+        `by_hand`: engaged brakes hold theirs.
+        """
         joints, _, arm = robot.rpartition("/")  # IO1/SUJ/PSM1, where several buses have a SUJ
         if joints and joints in self._world.setup_joints:
             self._world.setup_joints[joints].place(arm, positions.tolist())
             return
         self._check(robot, positions, "positions", MAX_POSITION)
-        self._plant.place(robot, positions)
+        self._plant.place(robot, positions, by_hand)
 
     # -- faults of robots ----------------------------------------------------------------------------------------------
 
@@ -186,7 +189,7 @@ class BoardFaults:
         return int(self._wiring.robots[robot].start) + axis
 
     def _look_for(self, scale: npt.NDArray[np.float64], robot: str, axis: int, what: str) -> None:
-        if scale[self._axis(robot, axis)] == 0.0:
+        if scale[self._slot(robot, axis)] == 0.0:
             raise ValueError(f"{robot}: axis {axis} has no {what}")
 
     def _slot(self, robot: str, axis: int) -> int:

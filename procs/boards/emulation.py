@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ import numpy.typing as npt
 from trocar.procs.boards.controllers.bus import GROUP, EmulatedBus
 from trocar.procs.boards.controllers.lines import Floats, Lines
 from trocar.procs.boards.packet_faults import PacketFaults
+from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.boards.setup_joints import fit
 from trocar.procs.boards.wiring import Wiring
 from trocar.procs.document.system import SystemConfig
@@ -46,20 +46,6 @@ class SensorErrors:
         return cls(np.zeros(slots), np.zeros(slots), np.zeros(slots), np.ones(slots))
 
 
-class World(Protocol):
-    """Quantities that move the robots; arrays over all actuators, SI, changed in place by each step."""
-
-    position: Floats
-    velocity: Floats
-    pot_position: Floats
-
-    def step_current(self, current: Floats) -> None:
-        """One period under motor currents, A."""
-
-    def brake(self, robot: str, actuators: npt.NDArray[np.bool_], engaged: bool) -> None:
-        """Engage or release the brakes of some actuators of a robot, from the next step on."""
-
-
 def ticks_of(ns: int) -> int:
     """Whole ticks of 49.152 MHz in a time."""
     return ns * 768 // 15625
@@ -84,8 +70,8 @@ def _nothing() -> None:
 class Emulation:
     """The controllers of every bus of `system` and their robots."""
 
-    def __init__(self, system: SystemConfig, world: World, now_ns: int) -> None:
-        """Boards powered up at `now_ns`; the first step begins at once."""
+    def __init__(self, system: SystemConfig, world: Plant, now_ns: int) -> None:
+        """Boards powered up at `now_ns`; `world` moves the robots. The first step begins at once."""
         if system.emulation is None:
             raise ValueError(f"{system.name}: no emulated boards in this system")
         self.wiring = wiring = Wiring(system, system.emulation)
@@ -129,7 +115,7 @@ class Emulation:
             for bus, cut in self._cut:
                 bus.encoders.place(self.now[0, cut])
             self._sense, self._move = library.chosen(WORLD, self)
-        self._step()
+        self.step()
 
     def _at_slots(self, count: int) -> None:
         """Data of actuators, laid out by slots: no gather is needed except for input and output of the world.
@@ -139,51 +125,31 @@ class Emulation:
         wiring = self.wiring
         self.axis_of = np.zeros(count, dtype=np.int64)
         self.axis_of[wiring.slots] = np.arange(len(wiring.slots))
-
-        def spread(values: Floats, elsewhere: float = 0.0, brakes: Floats | None = None) -> Floats:
-            spread = np.full(count, float(elsewhere))
-            spread[wiring.slots] = values
-            if brakes is not None:
-                spread[wiring.brakes.slots] = brakes
-            return spread
-
         self.motor_of = wiring.slots.astype(np.int64)  # the slot whose current drives each motor
-        of_brakes = wiring.brakes
-        self.brakes = len(of_brakes.slots)
+        self.brakes = len(wiring.brakes.slots)
         self.let_go = np.zeros(self.brakes, dtype=np.bool_)
-        self.amps = np.array((spread(wiring.amps.scale, 0.0, of_brakes.amps.scale),
-                               spread(wiring.amps.offset, 0.0, of_brakes.amps.offset)))
+        self.amps = np.array((wiring.amps.scale, wiring.amps.offset))
         self._on_bytes = b""
-        counts = spread(wiring.counts.scale)
-        self.counts_scale = np.array((counts, counts / reg.CLOCK_HZ))
-        self.counts_offset = np.array((spread(wiring.counts.offset), np.zeros(count)))
-        measured = (spread(wiring.measured.scale, 0.0, of_brakes.measured.scale),
-                    spread(wiring.measured.offset, reg.CURRENT_ZERO, of_brakes.measured.offset))
+        self.counts_scale = np.array((wiring.counts.scale, wiring.counts.scale / reg.CLOCK_HZ))
+        self.counts_offset = np.array((wiring.counts.offset, np.zeros(count)))
         # Rows: motor currents, A, and potentiometers, V; scales and offsets that make them of commands and positions.
-        self.scales, self.offsets = (np.array((np.zeros(count), spread(k)))
-                                       for k in (wiring.pot_volts.scale, wiring.pot_volts.offset))
-        self.to_bits = np.array(((measured[0], spread(wiring.pot_bits.scale)),
-                                 (measured[1], spread(wiring.pot_bits.offset))))
+        self.scales = np.array((np.zeros(count), wiring.pot_volts.scale))
+        self.offsets = np.array((np.zeros(count), wiring.pot_volts.offset))
+        self.to_bits = np.array(((wiring.measured.scale, wiring.pot_bits.scale),
+                                 (wiring.measured.offset, wiring.pot_bits.offset)))
         self.truth, self.bits, self.seen = (np.zeros((2, count)) for _ in range(3))
         self._flowing, self._volts = self.truth
-        self._most, self._least = np.full((2, count), 65535.0), np.zeros((2, count))
         self._is_over, self._may_be_over = False, self._may_exceed()
-        self.now, self._end, self._change = (np.zeros((2, count)) for _ in range(3))
-        self.curve = np.zeros((3, count))
+        self.now, self.curve = np.zeros((2, count)), np.zeros((3, count))
         self.per_tick = 1.0 / self._span
-        # Rows as arrays of their own: indexing makes a new one every time, which costs as much as using it.
-        self._end_rows, self._curve_rows, self._changes = tuple(self._end), tuple(self.curve), tuple(self._change)
         if self._has_robots:
-            self._where()
-            self.now[...] = self._end
+            self.now[...] = self._where()
 
-    def _where(self) -> None:
-        """Position, counts, and velocity, counts/tick, of every slot as the world has them now."""
-        end = self._end
-        self._world.position.take(self.axis_of, None, self._end_rows[0], "clip")
-        self._world.velocity.take(self.axis_of, None, self._end_rows[1], "clip")
-        np.multiply(end, self.counts_scale, end)
-        np.add(end, self.counts_offset, end)
+    def _where(self) -> Floats:
+        """(2, slots): position, counts, and velocity, counts/tick, of every slot as the world has them now."""
+        here = np.array((self._world.position.take(self.axis_of), self._world.velocity.take(self.axis_of)))
+        where: Floats = here * self.counts_scale + self.counts_offset
+        return where
 
     def _cuts(self) -> list[tuple[EmulatedBus, slice]]:
         width = self.wiring.width
@@ -194,11 +160,11 @@ class Emulation:
 
     def scale_encoder(self, axis: int, factor: float) -> None:
         """Scale an actuator's encoder counts by `factor` from its current position; 1 restores the file's value."""
-        slot, scale = self.wiring.slots[axis], self.wiring.counts.scale[axis] * factor
+        slot = self.wiring.slots[axis]
+        scale = self.wiring.counts.scale[slot] * factor
         self.counts_scale[:, slot] = scale, scale / reg.CLOCK_HZ
         self.counts_offset[0, slot] = self.now[0, slot] - scale * self._world.position[axis]
-        self._where()
-        self.now[...] = self._end
+        self.now[...] = self._where()
 
     def swap_motors(self, one: int, other: int) -> None:
         """Exchange the plugs of two motors: each gets the other's current."""
@@ -238,14 +204,14 @@ class Emulation:
             self.skipped_steps += behind
             self._next += behind * self._span
         while tick >= self._next:
-            self._step()
+            self.step()
 
     @property
     def board_ns(self) -> int:
         """Start of the current step."""
         return self.epoch_ns + ns_of(self.begin)
 
-    def _step(self) -> None:
+    def step(self) -> None:
         """Begin the step at `_next`."""
         self.begin = tick = self._next
         self._next = tick + self._span
@@ -311,17 +277,12 @@ class Emulation:
                 self._on_bytes = on
                 self.scales[0], self.offsets[0] = self.amps * self.on
             flowing[...] = self.dac
-            self._world.pot_position.take(self.axis_of, None, volts, "clip")
-            np.multiply(truth, self.scales, truth)
-            np.add(truth, self.offsets, truth)
+            volts[...] = self._world.pot_position.take(self.axis_of)
+            truth[...] = truth * self.scales + self.offsets
             flowing.take(self.motor_of, None, self.current, "clip")
         if which & LAST:
-            np.multiply(self.seen if which & ERRORS else truth, self.to_bits[0], bits)
-            np.add(bits, self.to_bits[1], bits)
-            np.rint(bits, bits)
-            np.maximum(bits, self._least, out=bits)
-            np.minimum(bits, self._most, out=bits)
-            self._adc[...] = bits
+            exact = (self.seen if which & ERRORS else truth) * self.to_bits[0] + self.to_bits[1]
+            self._adc[...] = bits[...] = np.minimum(np.maximum(np.rint(exact), 0.0), 65535.0)
             if which & COMPARE and (_too_much(bits[0], self.dac) > 0.0).any():
                 news |= TOO_MUCH
             if self.brakes and (self._lets_go_now() != self.let_go).any():
@@ -359,13 +320,8 @@ class Emulation:
 
     def move(self) -> int:
         """Motion of every encoder during the step: through both positions, with the change of speed between them."""
-        now, end, (start, v, h), (way, faster) = self.now, self._end, self._curve_rows, self._changes
-        self._where()
-        np.subtract(end, now, self._change)
-        start[...] = now[0]
-        np.multiply(way, self.per_tick, way)  # the mean velocity
-        np.multiply(faster, 0.5, faster)
-        np.subtract(way, faster, v)
-        np.multiply(faster, self.per_tick, h)
+        now, end = self.now, self._where()
+        mean, faster = (end[0] - now[0]) * self.per_tick, (end[1] - now[1]) * 0.5
+        self.curve[...] = now[0], mean - faster, faster * self.per_tick
         now[...] = end
         return 0

@@ -24,7 +24,8 @@ from trocar.procs.boards.controllers.bus import GROUP
 from trocar.procs.boards.frames import FrameSocket
 from trocar.procs.boards.packet_faults import PacketFaults
 from trocar.procs.document.system import BusConfig
-from trocar.procs.fpga.wire import MULTICAST, READS, UDP_PORT, Buffer
+from trocar.procs.fpga.registers import OWN_ADDRESS
+from trocar.procs.fpga.wire import MULTICAST, READS, TCODE_AT, UDP_PORT, Buffer
 from trocar.procs.machine.port_holders import holders
 from trocar.procs.node.setup_error import SetupError
 from trocar.shm.time.lockstep import wait_for_wakeup
@@ -32,10 +33,8 @@ from trocar.shm.time.lockstep import wait_for_wakeup
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them
 RECEIVE_BYTES = 8 << 20  # a burst of a thousand writes must not be lost
 DATAGRAM_BYTES = 4096
-TCODE_AT: Final = 5  # byte of a request with its type, in the upper half
 ANY: Final = "0.0.0.0"
 RAW: Final = "eth:"  # then a network interface, in place of an address: raw Ethernet
-OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to the address assigned to it
 BLOCK: Final = 16  # addresses of an Ethernet-only bus
 _STAMP = struct.Struct("@qq")
 _PACKET_INFO = struct.Struct("@i4s4s")  # interface, local address, destination
@@ -65,17 +64,13 @@ class Door:
     frames: FrameSocket | None = None
 
 
-class BusAddressTaken(SetupError):
-    """Another program has the address of an emulated bus."""
-
-
 class Endpoints:
     """All sockets of the buses."""
 
     def __init__(self, buses: tuple[BusConfig, ...], answer: Answer, now_ns: Callable[[], int], simulated: bool,
                  packet_faults: PacketFaults | None = None, addressee: Addressee = lambda bus, address: None,
                  wakeup: socket.socket | None = None) -> None:
-        """BusAddressTaken; OSError when an address cannot be used.
+        """SetupError; OSError when an address cannot be used.
 
         Receive times are the kernel's; in simulated time they are `now_ns()`.
 
@@ -257,8 +252,8 @@ def _bound(address: str, *, shared: bool = False) -> socket.socket:
         sock.close()
         others = "; ".join(map(str, holders(UDP_PORT, address))) if error.errno == errno.EADDRINUSE else ""
         if others:
-            raise BusAddressTaken(f"emulated bus on {address}, port {UDP_PORT}: {others}; stop that, or choose an "
-                                  "address that is free: --set emulation.buses.NAME.address=127.0.1.16") from None
+            raise SetupError(f"emulated bus on {address}, port {UDP_PORT}: {others}; stop that, or choose an "
+                             "address that is free: --set emulation.buses.NAME.address=127.0.1.16") from None
         raise OSError(error.errno, f"emulated bus on {address}, port {UDP_PORT}: {error.strerror}") from error
     return sock
 

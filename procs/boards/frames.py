@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterable, Sequence
-from typing import Final, cast
+from typing import cast
 
 from trocar.procs.boards.controllers.bus import GROUP
 from trocar.procs.fpga import wire
 
-PLAIN_FRAMES: Final = 0x0004  # frames with a length instead of a protocol
 SOL_PACKET, PACKET_ADD_MEMBERSHIP, PACKET_PROMISCUOUS = 263, 1, 1  # Linux; the socket module has no names for them
 _HEAD = wire.FRAME_HEADER_BYTES
 
@@ -30,7 +29,7 @@ class FrameSocket:
         self._head = bytearray(_HEAD)
         self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)
         try:
-            self._socket.bind((interface, PLAIN_FRAMES))
+            self._socket.bind((interface, wire.PLAIN_FRAMES))
             request = socket.if_nametoindex(interface).to_bytes(4, "little") + PACKET_PROMISCUOUS.to_bytes(4, "little")
             self._socket.setsockopt(SOL_PACKET, PACKET_ADD_MEMBERSHIP, request + bytes(8))
         except OSError:

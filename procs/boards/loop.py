@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
@@ -64,8 +66,8 @@ class Publisher:
 class BoardsLoop(runtime.Loop):
     """All emulated boards with their robots."""
 
-    def __init__(self, node: runtime.Node) -> None:
-        super().__init__(node)
+    def setup(self) -> None:
+        node = self.node
         node.computes(native().why)
         system, emulation = node.document.emulated(), node.document.emulation
         if emulation is None:
@@ -75,34 +77,30 @@ class BoardsLoop(runtime.Loop):
         publisher = Publisher(node.writes("state"), world)
         world.on_step = publisher.publish
         self._orders, self._mailbox = BoardCommands.of(system, world, plant), node.mailbox()
-        self._endpoints = self._open()
+        self._serve = self._open()
         self._skipped = 0
         publisher.publish()
 
-    def _open(self) -> Endpoints | None:
-        """Source of requests; None: clients call `world.answer` directly."""
+    def _open(self) -> Callable[[int], bool] | None:
+        """Serves requests meanwhile, see Node.tick; None: clients call `world.answer` directly."""
         node, world, emulation = self.node, self.world, self.node.document.emulation
         assert emulation is not None
-        return Endpoints(emulation.buses, world.answer, node.clock.now_ns, node.clock.simulated, world.packet_faults,
-                         world.board_at, node.clock.wakeup)
+        return node.hold(Endpoints(emulation.buses, world.answer, node.clock.now_ns, node.clock.simulated,
+                                   world.packet_faults, world.board_at, node.clock.wakeup)).serve
 
-    def wait(self) -> bool:
-        return self.node.tick(self._endpoints.serve if self._endpoints is not None else None)
+    def tick(self) -> bool:
+        return self.node.tick(self._serve)
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
-        world = self.world
-        world.advance(now_ns)
-        self.node.follow(world.board_ns, BEHIND_STEP_NS)
-        for command in self._mailbox.drain(wall_ns):
+    def update(self) -> None:
+        world, node = self.world, self.node
+        world.advance(node.now_ns)
+        node.follow(world.board_ns, BEHIND_STEP_NS)
+        for command in self._mailbox.drain(node.wall_ns):
             self._orders.carry_out(command)
         if world.skipped_steps != self._skipped:
             steps, self._skipped = world.skipped_steps - self._skipped, world.skipped_steps
-            self.node.events.report(codes.BOARDS_LATE, f"stalled for {steps} physics steps; the robots stood still "
+            node.events.report(codes.BOARDS_LATE, f"stalled for {steps} physics steps; the robots stood still "
                                    "meanwhile", value=steps)
-
-    def close(self) -> None:
-        if self._endpoints is not None:
-            self._endpoints.close()
 
 
 def main() -> None:

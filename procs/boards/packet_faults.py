@@ -12,9 +12,9 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from trocar.procs.boards.controllers.lines import NEVER
 from trocar.procs.fpga.wire import DROPPED, TRAILER_BYTES, Buffer
 
-NEVER = 1 << 62
 LOST, LATE, DUPLICATED, DROPPED_REPLY, MISLABELLED = KINDS = ("lost", "late", "duplicated", "dropped", "mislabelled")
 _LABEL_SHIFT, _LABEL_MASK = 10, 0x3F  # transaction label in the first quadlet
 _QUAD = struct.Struct(">I")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from trocar.procs.console.selection import ECM, Selectable, at_load, conflicts, shared_arm, tapped
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
 from trocar.procs.tables import codes
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 
 if TYPE_CHECKING:
     from trocar.procs.console.outbox import Mailboxes
@@ -46,7 +46,7 @@ class Logic:
         self.lapsed: set[str] = set()  # they, or we, have restarted: they do not run until presence is shown again
         self.fallen: set[str] = set()  # they stopped by themselves; requested again when a person acts
         self.operator = self.clutch = self.camera = self.wanted = False
-        self.origin: Origin = NOBODY
+        self.origin: Origin = NO_ORIGIN
         """The person's command that enabled teleoperation."""
         self._again_ns = dict.fromkeys(self._by_name, 0)
         self._unreported: dict[str, float] = {}  # clutch states that could not be delivered yet
@@ -91,7 +91,7 @@ class Logic:
             self._desk.report(codes.TELEOP_DISABLED, f"{self.name}: {codes.TELEOP_DISABLED.cause}")
             self.enable(False)
 
-    def enable(self, on: bool, origin: Origin = NOBODY) -> None:
+    def enable(self, on: bool, origin: Origin = NO_ORIGIN) -> None:
         """Teleoperation is enabled, by whom, or disabled; the request is a sign of presence, too."""
         self.wanted, self.origin = on, origin
         if on:

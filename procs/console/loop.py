@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from trocar.procs.console.commands import ConsoleCommands
+from trocar.procs.console.console_commands import ConsoleCommands
 from trocar.procs.console.goovis import Goovis
 from trocar.procs.console.inputs import Inputs
 from trocar.procs.console.logic import Logic
@@ -26,15 +26,15 @@ def first_scale(system: SystemConfig, console: str) -> float:
 class ConsoleLoop(runtime.Loop):
     """One console with its rings and mailboxes."""
 
-    def __init__(self, node: runtime.Node) -> None:
-        super().__init__(node)
+    def setup(self) -> None:
+        node = self.node
         row, members = node.document.console(node.name), members_of(node.document)
         self._state = node.writes("state")
         self._desk = Mailboxes(node, members)
         self._logic = logic = Logic(node.name, members, self._desk, first_scale(node.document, node.name))
         began_anew = go_on(node.reads(node.name, "state"), logic)
         warn = partial(node.events.report, HEAD_SENSOR, component=node.name)
-        self._head = Goovis(row.head, warn) if row.head is not None else None
+        self._head = node.hold(Goovis(row.head, warn)) if row.head is not None else None
         self._inputs = Inputs(row, node.document, node.reads, self._head, began_anew=began_anew)
         if row.turn_off is not None:
             node.commands(row.turn_off.io).send("set_output", (0.0,), row.turn_off.name)
@@ -43,31 +43,32 @@ class ConsoleLoop(runtime.Loop):
         self._faults = Watched(node.faults(), [arm for member in logic.mine for arm in member.arms])
         self._mailbox = node.mailbox(self._faults)
 
-    def wait(self) -> bool:
+    def tick(self) -> bool:
         """See runtime.Loop."""
-        return self.node.tick(news=self._has_news)
+        return self.node.tick(news=self.has_news, periods=self.rest_periods if self.may_rest else 1)
 
-    def _has_news(self) -> bool:
+    @property
+    def may_rest(self) -> bool:
+        """Without a head sensor, which is polled, until a teleoperation is enabled: it needs us every 30 ms."""
+        return self._head is None and not self._logic.wanted and self._desk.is_idle
+
+    def has_news(self) -> bool:
+        """See runtime.Loop."""
         return self._inputs.has_news or self._mailbox.has_news
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
+    def update(self) -> None:
         """See runtime.Loop."""
-        logic, inputs = self._logic, self._inputs
+        logic, inputs, now_ns = self._logic, self._inputs, self.node.now_ns
         logic.faults_until(self._faults.valid_from)
         for button, kind in inputs.poll(now_ns):
             logic.press(button, kind)
         if not inputs.valid:
             logic.lose_operator("its inputs are silent")
         self._desk.listen(logic, now_ns)
-        self._commands.execute(self._mailbox.drain(wall_ns), now_ns)
+        self._commands.execute(self._mailbox.drain(self.node.wall_ns), now_ns)
         logic.step(now_ns)
         self._record.fill(inputs)
         self._state.publish(now_ns)
-
-    def close(self) -> None:
-        """See runtime.Loop."""
-        if self._head is not None:
-            self._head.close()
 
 
 def main() -> None:

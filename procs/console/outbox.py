@@ -8,13 +8,14 @@ from typing import Final
 from trocar.procs.console.logic import Logic
 from trocar.procs.console.selection import Selectable
 from trocar.procs.node.debounce import NAMES
-from trocar.procs.node.runtime import Node
+from trocar.procs.node.node import Node
 from trocar.procs.tables import codes
 from trocar.procs.tables.codes import Code
 from trocar.shm.mailbox.client import LoopClient
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 from trocar.shm.ring.ring import RingReader
 
+DISABLED: Final = b"DISABLED"
 PAYLOADS: Final = (0.0, 1.0, 2.0)  # of button events, as io has them: pressed, released, clicked
 
 
@@ -41,7 +42,7 @@ class Mailboxes:
     # -- requests of the logic -----------------------------------------------------------------------------------------
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
-            origin: Origin = NOBODY) -> bool:
+            origin: Origin = NO_ORIGIN) -> bool:
         """Send a command to a teleoperation, on behalf of a person; false: not delivered."""
         client = self._teleops.get(teleop)
         if client is not None:
@@ -75,6 +76,11 @@ class Mailboxes:
         """A sound, at the system's volume."""
         _send(self._system, "beep", (duration_s, frequency_hz), "")
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether all its teleoperations are DISABLED, as far as they have shown."""
+        return all(desired.item() == DISABLED for desired in self._desired.values())
+
     # -- replies -------------------------------------------------------------------------------------------------------
 
     def listen(self, logic: Logic, now_ns: int) -> None:
@@ -89,7 +95,7 @@ class Mailboxes:
             epoch = self._states[teleop].epoch
             if epoch != self._epochs[teleop]:
                 self._epochs[teleop] = epoch
-                self.status(f"{teleop} was restarted: it follows once presence is shown again")
+                self.status(f"{teleop} was restarted: it follows when the operator has left and returned")
                 logic.began_anew(teleop)
             elif self._states[teleop].newest():
                 logic.shows(teleop, self._desired[teleop].item().decode())

@@ -18,7 +18,7 @@ from trocar.shm.commands import COMMANDS, ENDINGS, may_power
 from trocar.shm.mailbox.client import Client, MailboxFull, Reply
 from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.memory.header import SegmentError
-from trocar.shm.memory.segment import names_of
+from trocar.shm.memory.parts import parts_of
 from trocar.shm.time.clock import monotonic_ns
 
 PEERS: Final = itertools.count(1)
@@ -158,7 +158,7 @@ class Calls:
 def owners_of(document: SystemConfig) -> dict[str, CommandOwner]:
     """All instances that accept commands, by name."""
     found, types = {}, {arm.name: arm.type for arm in document.arms}
-    for name in sorted({instance for _, instance, what in names_of(document.name) if what == "mailbox"}):
+    for name in sorted({instance for _, instance, what in parts_of(document.name) if what == "mailbox"}):
         if name == "supervisor":
             kind, rows = name, COMMANDS[name]
         else:

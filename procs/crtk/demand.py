@@ -4,34 +4,44 @@ from __future__ import annotations
 
 from collections import Counter
 
+from trocar.procs.crtk.topics import TopicEntry
 from trocar.procs.crtk.views import OpenTopic
 from trocar.shm.mailbox.origins import program_name
+from trocar.shm.memory.closable import Closable
 from trocar.shm.system.subscriptions import Subscriber
 from trocar.shm.time.clock import monotonic_ns, pause
 
 POLL_S = 0.001
 
 
-class Wanted:
-    """The common demand of all clients of a bridge; topics without clients need not be computed."""
+class Wanted(Closable):
+    """The common demand of all clients of a bridge; topics without clients need not be computed. A context manager."""
 
-    def __init__(self, system: str, program: str) -> None:
-        """`program`: the name that other programs see as subscriber."""
-        self.system, self._program = system, program
+    def __init__(self, system: str, program: str = "", *, every: bool = False) -> None:
+        """`program`: the name that other programs see as subscriber; default: that of this program.
+
+        `every`: every record is read, also those of arms at rest, which otherwise write fewer.
+        """
+        self.system, self._program, self._every = system, program or program_name(), every
         self._counts: Counter[tuple[str, str, str]] = Counter()
         self._subscribers: dict[str, Subscriber] = {}
 
-    def take(self, source: OpenTopic) -> None:
+    def take(self, entry: TopicEntry) -> None:
         """Add a client for a topic with its groups; SegmentError when that fails."""
-        entry = source.entry
         if entry.instance not in self._subscribers:
-            self._subscribers[entry.instance] = Subscriber(self.system, entry.instance, self._program)
-        self._subscribers[entry.instance].want(entry.ring, *source.groups)
-        self._counts.update((entry.instance, entry.ring, group) for group in ("", *source.groups))
+            self._subscribers[entry.instance] = Subscriber(self.system, entry.instance, self._program,
+                                                           every=self._every)
+        self._subscribers[entry.instance].want(entry.ring, *entry.groups)
+        self._counts.update((entry.instance, entry.ring, group) for group in ("", *entry.groups))
 
-    def leave(self, source: OpenTopic) -> None:
+    def want(self, entry: TopicEntry) -> None:
+        """The same, if there is no client for it yet."""
+        if any((entry.instance, entry.ring, group) not in self._counts for group in ("", *entry.groups)):
+            self.take(entry)
+
+    def leave(self, entry: TopicEntry) -> None:
         """Remove a client of a topic."""
-        instance, ring, groups = source.entry.instance, source.entry.ring, source.groups
+        instance, ring, groups = entry.instance, entry.ring, entry.groups
         self._counts.subtract((instance, ring, group) for group in ("", *groups))
         self._counts = +self._counts
         subscriber = self._subscribers[instance]
@@ -48,36 +58,6 @@ class Wanted:
         for subscriber in self._subscribers.values():
             subscriber.close()
         self._subscribers.clear()
-
-
-class OnDemand:
-    """The demand of one program at one instance; a context manager. It takes a place there at the first `want`."""
-
-    def __init__(self, system: str, instance: str) -> None:
-        self._address = system, instance
-        self._subscriber: Subscriber | None = None
-        self._wanted: set[tuple[str, tuple[str, ...]]] = set()
-
-    def want(self, source: OpenTopic) -> None:
-        """Request a topic, with its groups that are computed on demand; SegmentError when that fails."""
-        wish = topic, groups = source.entry.ring, source.groups
-        if wish in self._wanted:
-            return
-        if self._subscriber is None:
-            self._subscriber = Subscriber(*self._address, program_name())
-        self._subscriber.want(topic, *groups)
-        self._wanted.add(wish)
-
-    def close(self) -> None:
-        """Drop all demand."""
-        if self._subscriber is not None:
-            self._subscriber.close()
-
-    def __enter__(self) -> OnDemand:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 def wait_until_computed(source: OpenTopic, seconds: float) -> bool:

@@ -164,8 +164,7 @@ def _fields(entry: TopicEntry) -> list[str]:
     return [*pieces] or [part for part, _ in entry.view.fields]
 
 
-def _found(entry: TopicEntry, path: FieldPath, record: NDArray[Any]
-           ) -> tuple[Field, NDArray[np.intp], tuple[Any, ...]]:
+def _found(entry: TopicEntry, path: FieldPath, record: NDArray[Any]) -> tuple[Field, NDArray[np.intp], tuple[Any, ...]]:
     """The field of a path, the indices of its cells, and its values if they are not in records."""
     if entry.view is not None and path.field == VALID.name:
         if entry.view.where in (record.dtype.names or ()):

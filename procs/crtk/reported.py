@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
+from trocar.procs.crtk.plain import plain
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
@@ -34,3 +35,11 @@ def event_rings(system: str) -> Iterator[tuple[str, RingReader]]:
             reader.close()
         else:
             yield name, reader
+
+
+def supervised(reader: RingReader, *columns: str) -> dict[str, dict[str, Any]]:
+    """These columns of the supervisor's newest record, by instance; empty before the first record."""
+    if not reader.newest():
+        return {}
+    names, *values = (plain(reader.field(column)) for column in ("instance", *columns))
+    return {name: dict(zip(columns, row, strict=True)) for name, *row in zip(names, *values, strict=True) if name}

@@ -30,7 +30,8 @@ class TopicEntry:
 
     `kind` is record, event, or the payload of a view. `first` and `count` select a robot's part of arrays over all
     axes; for a setup arm, `row` is its index, and `count` its number of joints. `problem`: the writer is gone, or the
-    reason why it cannot be read; empty without problem. `simulation` is KINEMATIC without a robot.
+    reason why it cannot be read; empty without problem. `simulation` is KINEMATIC without a robot. `frame`: that of its
+    values, if it is not the instance's own.
     """
 
     name: str
@@ -48,6 +49,12 @@ class TopicEntry:
     labels: tuple[str, ...] = field(default=())
     problem: str = ""
     simulation: str = ""
+    frame: str = ""
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Its groups of fields that are computed on demand (shm/system/subscriptions.py)."""
+        return tuple(dict.fromkeys(row.group for row in self.fields if row.group))
 
     @property
     def joint_names(self) -> tuple[str, ...]:

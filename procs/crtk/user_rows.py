@@ -30,11 +30,11 @@ KEPT = 64
 
 def topics_of(process: UserProcess) -> tuple[Topic, ...]:
     """The topics of a user's process; with properties, also the topic of their values."""
-    found = [Topic(row.name, KIND, row.rate_hz, 0.0, tuple(_field(field) for field in row.fields), depth=row.depth)
+    found = [Topic(row.name, KIND, tuple(_field(field) for field in row.fields), rate_hz=row.rate_hz, depth=row.depth)
              for row in process.topics]
     if process.properties:
         fields = tuple(Field(row.name, dtype_of(*shape_of(row.type)), row.unit, row.text) for row in process.properties)
-        found.append(Topic(PROPERTIES, KIND, 0.0, 0.0, fields, depth=KEPT))
+        found.append(Topic(PROPERTIES, KIND, fields, depth=KEPT))
     return tuple(found)
 
 

@@ -1,6 +1,6 @@
 """Reading any topic by its name: used by bridges, `echo`, `attach` and scripts.
 
-    with open_topic(system, "PSM1/measured_js") as source:
+    with OpenTopic(system, find(system, "PSM1/measured_js")) as source:
         if source.newest():
             source.stamp_ns, source.valid, source.part("position"), source.as_dict()
 """
@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.crtk.plain import plain
-from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, find, writer_gone
+from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, writer_gone
 from trocar.procs.tables.arm_types import base_name
+from trocar.shm.memory.closable import Closable
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import local_ns, monotonic_ns
@@ -30,22 +31,23 @@ JS = ("position", "velocity", "effort")
 NEEDED_FIRST = ("valid", "cartesian_valid", "reference_valid")
 """Flags of arms: each requires the preceding ones."""
 
+READING_NS: Final = 1_000_000
+"""Two clocks read one after the other may differ by this much more than before, on a busy machine."""
 
-class OpenTopic:
+
+class OpenTopic(Closable):
     """One topic, open for reading; a context manager."""
 
     def __init__(self, system: str, entry: TopicEntry, reader: RingReader | None = None) -> None:
         """Attach to the ring of `entry`, or use the records that `reader` of that ring reads."""
         self.entry = entry
-        self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring)
+        self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring, often=False)
         self.system = system
         self._time: SystemTime | None = None  # opened at the first use of `age_s`: most topics do not need the clock
         self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
         self._fields = {name: self._reader.field(name) for name in self._names}
-        on_demand = [row for row in entry.fields if row.group]
-        self.groups = tuple(dict.fromkeys(row.group for row in on_demand))
-        """Its groups of fields that are computed on demand (shm/system/subscriptions.py)."""
-        self._on_demand = [row.name for row in on_demand]
+        self.groups = entry.groups
+        self._on_demand = [row.name for row in entry.fields if row.group]
 
     @property
     def stamp_ns(self) -> int:
@@ -172,6 +174,10 @@ class OpenTopic:
             return np.zeros(0)
         return self._cut(np.atleast_1d(self._fields[where]))
 
+    def value(self, field: str) -> Any:
+        """A field of the record, as a plain value."""
+        return plain(self._fields[field])
+
     def _cut(self, value: NDArray[Any]) -> NDArray[Any]:
         if self.entry.row >= 0:
             of_joints = self.entry.kind == "js"
@@ -221,12 +227,6 @@ class OpenTopic:
             self._time.close()
         self._reader.close()
 
-    def __enter__(self) -> OpenTopic:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
 
 def event_as_dict(name: str, row: dict[str, Any]) -> dict[str, Any]:
     """An event of this name for JSON, with its own fields and stamps; a missing axis or board is None."""
@@ -236,11 +236,6 @@ def event_as_dict(name: str, row: dict[str, Any]) -> dict[str, Any]:
     shown = OPERATING_STATE if name == "operating_state" else MESSAGE
     found = {key: row[key] for key in shown}
     return stamps | found | {key: None for key in ("axis", "board") if found.get(key) == -1}
-
-
-def open_topic(system: str, topic: str) -> OpenTopic:
-    """Open the topic of this name; Unknown, with similar names, when there is none."""
-    return OpenTopic(system, find(system, topic))
 
 
 def state_as_event(system: str, state: TopicEntry) -> dict[str, Any] | None:
@@ -259,7 +254,8 @@ def frame_name(entry: TopicEntry, ring: RingReader) -> Callable[[], str]:
     """A function for the frame of a view on `ring`: a fixed name, or that in the record last read; empty: no frame."""
     what = entry.name.removeprefix(f"{entry.instance}/")
     base = "Cart" if entry.row >= 0 else base_name(entry.instance)
-    fixed = base if "local/" in what or what.startswith("spatial/") else entry.instance if "body/" in what else ""
+    of_name = base if "local/" in what or what.startswith("spatial/") else entry.instance if "body/" in what else ""
+    fixed = entry.frame or of_name
     if fixed or entry.kind not in ("cp", "cv") or "reference_frame" not in (ring.dtype.names or ()):
         return lambda: fixed
     cell = ring.field("reference_frame")
@@ -279,8 +275,14 @@ class Stamps:
         self.look()
 
     def look(self) -> None:
-        """Measure the offset between time of day and the clock of stamps; the former may be set at any time."""
-        self._ahead_ns = 0 if self.simulated else local_ns() - monotonic_ns()
+        """Measure the offset between time of day and the clock of stamps; the former may be set at any time.
+
+        A difference of a few µs is that of two readings: the same record keeps its stamp, and none is earlier than the
+        one before.
+        """
+        ahead_ns = 0 if self.simulated else local_ns() - monotonic_ns()
+        if abs(ahead_ns - self._ahead_ns) > READING_NS:
+            self._ahead_ns = ahead_ns
 
     def ns(self, stamp_ns: int) -> int:
         """Convert a record's stamp, ns."""

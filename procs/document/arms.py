@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Final
 
+from trocar.procs.document.bridges import RosArm
 from trocar.procs.document.keys import Key
 from trocar.procs.document.user_process import UserCommand
 
@@ -50,11 +52,11 @@ class Chain:
 
 @dataclass(frozen=True, slots=True)
 class JawConfig:
-    """Range and effort limit of an instrument's jaw."""
+    """Range in rad, effort limit in N·m."""
 
-    lower: float
-    upper: float
-    effort_max: float
+    lower: Annotated[float, Key(name="qmin")]
+    upper: Annotated[float, Key(name="qmax")]
+    effort_max: Annotated[float, Key(0.0, name="ftmax")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,29 +79,25 @@ class Tool:
     version_min: int | None = None
     version_max: int | None = None
 
+    def needs_depth(self, generation: str) -> str:
+        """Why an arm of `generation` needs the depth of its cannula in its file; "": it does not."""
+        if not self.generation or (self.generation == "S") is (generation == "Si"):
+            return ""
+        return (f"an instrument of generation {self.generation} on an arm of generation {generation}: cannula_depth "
+                "of the arm file must be that of the cannula in use, for engaging")
+
 
 @dataclass(frozen=True, slots=True)
 class MasterGravityParameters:
     """Measured on one master: (40,) for motion up and down, (7,) each: torques [N·m], velocities [rad/s], friction."""
 
-    positive: tuple[float, ...]
-    negative: tuple[float, ...]
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    dead_band: tuple[float, ...]
-    saturation: tuple[float, ...]
-    friction: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        for name in ("positive", "negative", "lower", "upper", "dead_band", "saturation", "friction"):
-            count = GRAVITY_PARAMETERS if name in ("positive", "negative") else MASTER_JOINTS
-            values = getattr(self, name)
-            if len(values) != count or not all(math.isfinite(value) for value in values):
-                raise ValueError(f"{name}: {count} finite numbers, not {len(values)}")
-        if any(low > high for low, high in zip(self.lower, self.upper, strict=True)):
-            raise ValueError("a lower torque limit is above the upper one")
-        if any(not 0.0 <= band < full for band, full in zip(self.dead_band, self.saturation, strict=True)):
-            raise ValueError("velocities: 0 <= dead-band < saturation must hold")
+    positive: Annotated[tuple[float, ...], Key(name="gc_dynamic_params_pos", length=GRAVITY_PARAMETERS)]
+    negative: Annotated[tuple[float, ...], Key(name="gc_dynamic_params_neg", length=GRAVITY_PARAMETERS)]
+    lower: Annotated[tuple[float, ...], Key(name="safe_lower_torque_limit", length=MASTER_JOINTS)]
+    upper: Annotated[tuple[float, ...], Key(name="safe_upper_torque_limit", length=MASTER_JOINTS)]
+    dead_band: Annotated[tuple[float, ...], Key(name="db_vel_vec", length=MASTER_JOINTS)]
+    saturation: Annotated[tuple[float, ...], Key(name="sat_vec_vec", length=MASTER_JOINTS)]
+    friction: Annotated[tuple[float, ...], Key(name="fric_comp_ratio_vec", length=MASTER_JOINTS)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +109,35 @@ class ArmInputs:
     tool: str = ""
     suj_clutch: str = ""
     suj_clutch_2: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """A file with a mesh, and its pose (4, 4) in the frame of its link."""
+
+    file: str
+    pose: Matrix
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MeshLink:
+    """A part of an arm that is shown: at `pose` (4, 4) in the frame of `parent`, a joint of the chain or another part.
+
+    An empty parent is the base. A part that `follows` a joint of the chain turns about its own z, `times` as far.
+    """
+
+    name: str
+    parent: str
+    pose: Matrix
+    follows: str = ""
+    times: float = 0.0
+    meshes: tuple[Mesh, ...] = ()
+
+    def turn(self, positions: Mapping[str, float]) -> float:
+        """Its angle (rad) about its own z for these positions of the chain's joints; 0 where they are not known."""
+        angle = positions.get(self.follows, 0.0) * self.times
+        return angle if math.isfinite(angle) else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,10 +182,10 @@ class ArmConfig:
         float, Key(0.0, 10.0, "s after the last servo command of a stream, then hold; 0: never")] = 0.0
     effort_timeout_s: Annotated[
         float, Key(0.0, 10.0, "s that efforts last unless they are sent again; 0: forever")] = 0.1
-    effort_speed_ratio: Annotated[
-        float, Key(0.0, 5.0, "times the usual limits of speed in effort mode; 0: none")] = 1.0
+    effort_speed_ratio: Annotated[float, Key(0.0, 5.0, "times the usual limits of speed in effort mode; 0: none")] = 1.0
     effort_zone_ratio: Annotated[
         float, Key(0.0, 5.0, "times the usual zones of the soft walls at joint limits; 0: none")] = 1.0
+    meshes: tuple[MeshLink, ...] = ()  # of a checkout of dvrk_model, parents first
     source: str = ""
     derived: str = ""  # a user's class for its process, module:Class; "": the class of its type
     commands: tuple[UserCommand, ...] = ()  # further commands of that class
@@ -176,3 +203,4 @@ class ThirdParty:
     inputs: tuple[str, ...] = ()
     base_frame: Matrix | None = None  # of the arm's base in the reference frame
     reference_frame: str = ""
+    ros: RosArm | None = None  # the arm is on ROS, and the program Trocar's (tools/from_ros)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Annotated, Final, Literal
@@ -11,18 +13,20 @@ from trocar.procs.document.process import host_and_port
 
 VIEW: Final = "view"
 COMMAND: Final = "command"
-NO_FOXGLOVE: Final = "foxglove-sdk is not installed: pip install foxglove-sdk in the environment of Trocar"
+
+
+_DOMAIN: Final = Key(0, 232, "ROS_DOMAIN_ID of its clients")
+_INTERFACE: Final = Key(
+    pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,39}$",
+    text="network interface by name or address (letters, digits and _ . : -, at most 40); lo: this machine alone")
 
 
 @dataclass(frozen=True, slots=True)
 class RosBridge:
     """The ROS bridge: domain, network interface, and the parts of the robot that it exposes."""
 
-    domain: Annotated[int, Key(0, 232, "ROS_DOMAIN_ID of its clients")] = 0
-    interface: Annotated[str, Key(
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,39}$",
-        text="network interface by name or address (letters, digits and _ . : -, at most 40); lo: this machine alone",
-    )] = "lo"
+    domain: Annotated[int, _DOMAIN] = 0
+    interface: Annotated[str, _INTERFACE] = "lo"
     period_s: Annotated[float, Key(0.001, 1.0, "s between two messages of a topic")] = 0.01
     namespace: Annotated[str, Key(
         pattern=r"^[A-Za-z][A-Za-z0-9_/]{0,39}$|^$",
@@ -37,6 +41,23 @@ class RosBridge:
 
 
 @dataclass(frozen=True, slots=True)
+class RosArm:
+    """Where a CRTK arm is on ROS; domain and interface are by default those of the ROS bridge."""
+
+    namespace: Annotated[str, Key(
+        pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$", max_length=80, is_optional=True,
+        text="in front of its topics, as /PSM1: letters, digits, _ and /")] = ""
+    domain: Annotated[int, dataclasses.replace(_DOMAIN, text="ROS_DOMAIN_ID of the arm", is_optional=True)] = 0
+    interface: Annotated[str, dataclasses.replace(_INTERFACE, is_optional=True)] = "lo"
+    check_names: Annotated[bool, Key(text="joint names in its messages count; false: they are ignored")] = True
+
+    @property
+    def where(self) -> str:
+        """Namespace, domain and interface in words."""
+        return f"{self.namespace} in ROS domain {self.domain} on {self.interface}"
+
+
+@dataclass(frozen=True, slots=True)
 class SocketBridge:
     """The socket bridge. Values that are None depend on the address that a client connects to: see `rights_at`."""
 
@@ -45,9 +66,9 @@ class SocketBridge:
     certificate: str = ""  # of TLS, with its key; empty: no TLS
     key: str = ""
     authorities: str = ""  # clients must have a certificate of these
-    grants: str | None = None  # VIEW or COMMAND
-    may_power: bool | None = None
-    max_clients: int = 64
+    grants: Annotated[Literal["view", "command"] | None, Key()] = None
+    may_power: Annotated[bool | None, Key()] = None
+    max_clients: Annotated[int, Key(1, 1000)] = 64
 
     def rights_at(self, address: str) -> Rights:
         """Rights of clients that connect to this address: by default everything on loopback, else view only."""
@@ -76,7 +97,7 @@ class WebConsole:
     certificate: str = ""
     key: str = ""
     authorities: str = ""
-    max_clients: int = 16
+    max_clients: Annotated[int, Key(1, 100)] = 16
     makes_token: bool = False  # at each start, as other machines may connect, and no other access rule is configured
 
     def links(self, token: str = "", here: str = "") -> list[str]:
@@ -102,6 +123,19 @@ class Rights:
     local: bool
     commands: bool
     powers: bool
+
+
+def reached_at(data: bytes) -> dict[str, tuple[str, ...]]:
+    """Where clients reach the bridges that open their sockets themselves, by the process's name; `data`: a document."""
+    document = json.loads(data)
+    ros, foxglove = document.get("ros"), document.get("foxglove")
+    return {"foxglove": (foxglove["listen"],) if foxglove else (),
+            "ros_bridge": (f"ROS domain {ros['domain']} on {ros['interface']}",) if ros else ()}
+
+
+def is_here(interface: str) -> bool:
+    """Whether only programs of this machine reach a network interface of the ROS bridge."""
+    return interface == "lo" or interface.startswith("127.")
 
 
 def is_loopback(address: str) -> bool:

@@ -1,16 +1,21 @@
 """Consoles and teleoperations in the document: masters, slaves, and the inputs of the operator.
 
-Angles in rad, times in s; defaults are those of dVRK's `configure_parameter`.
+Angles in rad, times in s. Fields with a `Key` are those of `configure_parameter`, with the dVRK's defaults.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
+
+from trocar.procs.document.keys import Key
 
 SIMULATED: Final = "SIMULATED"
 GOOVIS: Final = "PEDALS_GOOVIS_HEAD_SENSOR"
+Scale = Annotated[float, Key(0.0, 1.0, above=True)]
+Switch = Annotated[bool, Key()]
+Tolerance = Annotated[float, Key(0.0)]
+Rate = Annotated[float, Key(0.0, above=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,22 +27,22 @@ class TeleopPsmConfig:
     psm: str
     period_s: float
     console: str
-    scale: float = 0.2
-    rotation_locked: bool = False
-    translation_locked: bool = False
-    align_mtm: bool = True
-    start_orientation_tolerance: float = math.radians(5.0)
-    orientation_tolerance_after_clutch: float = math.radians(2.0)  # read, but without effect, as in the original
-    start_gripper_threshold: float = math.radians(40.0)
-    start_roll_threshold: float = math.radians(4.0)
-    ignore_jaw: bool = False
-    jaw_rate: float = 4.0 * math.pi  # rad/s
-    jaw_rate_after_clutch: float = 0.2 * math.pi  # rad/s
+    scale: Scale = 0.2
+    rotation_locked: Switch = False
+    translation_locked: Switch = False
+    align_mtm: Annotated[bool, Key(name="align_MTM")] = True
+    start_orientation_tolerance: Tolerance = 0.0872665
+    orientation_tolerance_after_clutch: Tolerance = 0.0349066  # read, but without effect, as in the original
+    start_gripper_threshold: Tolerance = 0.6981317
+    start_roll_threshold: Tolerance = 0.0698132
+    ignore_jaw: Switch = False
+    jaw_rate: Rate = 12.5663706  # rad/s
+    jaw_rate_after_clutch: Rate = 0.6283185  # rad/s
     gripper_zero: float = 0.0
-    gripper_max: float = math.radians(60.0)
-    use_mtm_linear_velocity: bool = True
-    use_mtm_angular_velocity: bool = False
-    mtm_is_haptic: bool = True
+    gripper_max: float = 1.0471976
+    use_mtm_linear_velocity: Annotated[bool, Key(name="use_MTM_linear_velocity")] = True
+    use_mtm_angular_velocity: Annotated[bool, Key(name="use_MTM_angular_velocity")] = False
+    mtm_is_haptic: Annotated[bool, Key(name="MTM_is_haptic")] = True
     base_frame_from: str = ""
     base_frame_interface: str = ""
     wrench_timeout_s: float = 0.1  # a master's wrench ends unless it is repeated within this time; 0: never
@@ -58,9 +63,10 @@ class TeleopEcmConfig:
     ecm: str
     period_s: float
     console: str
-    scale: float = 0.2  # of the insertion only
-    camera_roll_offset: float = 0.0
-    check_mtms_workspace: bool = True  # both masters must be in view of the camera's frame to begin
+    scale: Annotated[float, Key(0.0, 1.0, "of the insertion", above=True)] = 0.2
+    camera_roll_offset: Annotated[float, Key(text="rad")] = 0.0
+    # Both masters must be in view of the camera's frame to begin.
+    check_mtms_workspace: Annotated[bool, Key(name="check_MTMs_workspace")] = True
 
     @property
     def arms(self) -> tuple[str, ...]:

@@ -20,7 +20,8 @@ def decode(kind: type[T], value: object) -> T:
 
 
 @functools.cache
-def _hints(kind: Any) -> dict[str, Any]:
+def hints_of(kind: Any) -> dict[str, Any]:
+    """Types of the fields of a dataclass."""
     return typing.get_type_hints(kind)
 
 
@@ -28,7 +29,7 @@ def _decode(kind: Any, value: Any) -> Any:
     if dataclasses.is_dataclass(kind):
         if type(value) is kind:
             return value
-        hints = _hints(typing.cast(Any, kind))
+        hints = hints_of(typing.cast(Any, kind))
         return kind(**{key: _decode(hints[key], item) for key, item in value.items()})  # type: ignore[operator]  # a dataclass type is callable
     origin = typing.get_origin(kind)
     arguments = typing.get_args(kind)

@@ -10,11 +10,11 @@ from trocar.procs.document.keys import Key
 Linear = tuple[float, float]  # scale, offset
 
 # Existing firmware versions by hardware, with the FPGAs each was made for. Rev 7 supports only the QLA, and no FPGA V3;
-# DQLA and dRA1 need V3.
+# DQLA and dRA1 need V3. Emulated, Rev 10 differs from Rev 9 by its number only.
 MADE_FOR: dict[str, dict[int, tuple[str, ...]]] = {
-    "QLA1": {7: ("V2",), 8: ("V2", "V3"), 9: ("V2", "V3")},
-    "DQLA": {8: ("V3",), 9: ("V3",)},
-    "dRA1": {8: ("V3",), 9: ("V3",)},
+    "QLA1": {7: ("V2",), 8: ("V2", "V3"), 9: ("V2", "V3"), 10: ("V2", "V3")},
+    "DQLA": {8: ("V3",), 9: ("V3",), 10: ("V3",)},
+    "dRA1": {8: ("V3",), 9: ("V3",), 10: ("V3",)},
 }
 
 
@@ -70,6 +70,20 @@ class ModelVariation:
     payload: Annotated[float, Key(0.0, 5.0, "kg at the tip")] = 0.0
     backlash: Annotated[tuple[float, ...], Key(0.0, 0.5, "rad or m")] = ()  # between actuator and joint, by actuator
     pot_offset: Annotated[tuple[float, ...], Key(-10.0, 10.0, "rad or m")] = ()  # potentiometers' error, by actuator
+    command_current: Annotated[tuple[float, ...], Key(-1.0, 1.0, "A")] = ()  # at zero command, by actuator, then brake
+    measured_current: Annotated[tuple[float, ...], Key(-1.0, 1.0, "A")] = ()  # without current, likewise
+    brake_release: Annotated[tuple[float, ...], Key(0.0, 5.0, "A")] = ()  # from which on a brake lets go, by brake
+    brake_hold: Annotated[tuple[float, ...], Key(0.0, 5.0, "A")] = ()  # down to which it then stays so, by brake
+
+    def wrong_sizes(self, actuators: int, brakes: int) -> list[tuple[str, int, str]]:
+        """Lists that are not empty and lack a value, or have too many: (key, number of values, the allowed one)."""
+        axes, drives = (actuators, "an actuator"), (actuators + brakes, "an actuator and brake")
+        held = (brakes, "a brake")
+        parts = (("backlash", self.backlash, axes), ("pot_offset", self.pot_offset, axes),
+                 ("command_current", self.command_current, drives), ("measured_current", self.measured_current, drives),
+                 ("brake_release", self.brake_release, held), ("brake_hold", self.brake_hold, held))
+        return [(key, len(values), f"{count}, one {what}") for key, values, (count, what) in parts
+                if len(values) not in (0, count)]
 
 
 @dataclass(frozen=True, slots=True)

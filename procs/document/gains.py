@@ -20,8 +20,8 @@ HOLDS: Final = "too small a value lets the arm sink or swing"
 class PidAxis:
     """Gains of one actuator, as in PID files; for their meaning and pitfalls see `procs/io/pid.py`."""
 
-    name: str
-    joint_type: str
+    name: Annotated[str, Key(min_length=1)]
+    joint_type: Annotated[str, Key(name="type", choices=("REVOLUTE", "PRISMATIC"))]
     p_gain: Annotated[float, Key(0.0, LARGEST), STIFF, HOLDS]
     d_gain: Annotated[float, Key(0.0, LARGEST), STIFF, HOLDS]
     i_gain: Annotated[float, Key(0.0, LARGEST), STIFF]
@@ -65,7 +65,7 @@ GAINS: Final = tuple(
     Gain(key.name or field.name, field.name, 0.0 if key.low is None else key.low,
          1.0 if key.high is None else key.high, key.above, hint.__origin__ is bool, STIFF in hint.__metadata__,
          HOLDS in hint.__metadata__)
-    for field, hint, key in keys_in(PidAxis))
+    for field, hint, key in keys_in(PidAxis) if hint.__origin__ is not str)
 BY_KEY: Final = {gain.key: gain for gain in GAINS}
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from ipaddress import ip_address
-from typing import Final
+from typing import Annotated, Final
 
 from trocar.procs.document.decoding import decode
+from trocar.procs.document.keys import Key
 
 ALWAYS: Final = "always"
 ON_DEMAND: Final = "on-demand"
@@ -23,15 +24,16 @@ class Process:
     kind: str
     period_s: float
     after: tuple[str, ...] = ()
-    on_exit: str = "restart"  # restart or stay-down
+    on_exit: Annotated[str, Key(choices=("restart", "stay-down"), is_optional=True)] = "restart"
     priority: int = 0  # SCHED_FIFO priority asked for; 0: none
     cpus: tuple[int, ...] = ()  # processors it may run on; empty: any
-    restart_limit: int = 5
-    backoff_s: float = 0.2
-    late_s: float | None = None  # silence that is reported; None: that of its kind
-    hung_s: float | None = None  # silence after which it is killed
+    restart_limit: Annotated[int, Key(0, 1000, is_optional=True)] = 5
+    backoff_s: Annotated[float, Key(0.0, 60.0, "s", is_optional=True)] = 0.2
+    # None: those of its kind
+    late_s: Annotated[float | None, Key(0.01, 60.0, "s of silence, then it is reported")] = None
+    hung_s: Annotated[float | None, Key(0.1, 86400.0, "s of silence, then it is killed")] = None
     start: str = ALWAYS  # or ON_DEMAND: while it has clients; or ELSEWHERE
-    linger_s: float = 5.0  # how long it continues after its last client left (ON_DEMAND)
+    linger_s: Annotated[float, Key(0.0, 3600.0, "s after the last subscriber left", is_optional=True)] = 5.0
     host: str = ""  # the process that it is part of; empty: it is a process itself
     listen: tuple[str, ...] = ()  # addresses 127.0.0.1:8080 or [::1]:8080 of its listening sockets
 
@@ -49,6 +51,14 @@ def processes_of(data: bytes) -> tuple[Process, ...]:
     try:
         return tuple(decode(Process, row) for row in json.loads(data)["processes"])
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError) as error:
+        raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
+
+
+def shortage_of(data: bytes) -> str:
+    """Why rings keep less than usual, from such a document; empty: they do not. ValueError as above."""
+    try:
+        return str(json.loads(data)["shortage"])
+    except (ValueError, TypeError, LookupError, RecursionError) as error:
         raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
 
 

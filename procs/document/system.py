@@ -39,7 +39,7 @@ from trocar.procs.document.emulated import ModelVariation as ModelVariation
 from trocar.procs.document.emulated import Quirks as Quirks
 from trocar.procs.document.emulated_names import with_names_on_boards
 from trocar.procs.document.gains import PidAxis as PidAxis
-from trocar.procs.document.keys import Key
+from trocar.procs.document.keys import BIT_ID, BOARD_ID, MADE, NAME, Key
 from trocar.procs.document.process import Process as Process
 from trocar.procs.document.recorder import NAME as RECORDER
 from trocar.procs.document.recorder import Recorder as Recorder
@@ -59,12 +59,12 @@ class Logs:
 
     max_bytes: int = 10_000_000
     max_age_s: float = 7 * 86400.0
-    keep: int = 5
+    keep: Annotated[int, Key(0, 100, "old files of each process")] = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Linear:
-    """y = scale · x + offset."""
+    """scale · x + offset; both are 0 by default."""
 
     scale: float = 0.0
     offset: float = 0.0
@@ -82,10 +82,10 @@ class Encoder:
 
 @dataclass(frozen=True, slots=True)
 class Potentiometer:
-    """ADC bits to volts to joint position (rad or m)."""
+    """ADC bits to V to rad or m."""
 
     bits_to_voltage: Linear
-    voltage_to_position: Linear
+    voltage_to_position: Linear = Linear()
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +107,8 @@ class Actuator:
 class Tolerance:
     """Check of potentiometer against encoder: |difference| > distance for latency_s is a fault; distance 0: off."""
 
-    distance: float
-    latency_s: float
+    distance: Annotated[float, Key(0.0)]
+    latency_s: Annotated[float, Key(0.0, name="latency")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,40 +145,40 @@ class Robot:
 
 @dataclass(frozen=True, slots=True)
 class DigitalInput:
-    """One button or switch of a board."""
+    """One button or switch; times in s."""
 
-    name: str
-    board_id: int
-    bit_id: int
+    name: Annotated[str, NAME]
+    board_id: Annotated[int, BOARD_ID]
+    bit_id: Annotated[int, BIT_ID]
     pressed_value: bool
     trigger_when_pressed: bool
     trigger_when_released: bool
     skip_first_run: bool = False
-    debounce_s: float = 0.0
-    debounce_click_s: float = 0.0
+    debounce_s: Annotated[float, Key(0.0, 60.0, "s", name="debounce_time")] = 0.0
+    debounce_click_s: Annotated[float, Key(0.0, 60.0, "s", name="debounce_time_click")] = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class DigitalOutput:
-    """One digital output of a board; a duration of 0 has no end."""
+    """One output; times in s, frequency in Hz."""
 
-    name: str
-    board_id: int
-    bit_id: int
-    is_pwm: bool = False
-    high_s: float = 0.0  # how long it stays high before it switches by itself
-    low_s: float = 0.0
-    pwm_hz: float = 0.0
-    set_by: str = ""  # io's only command that sets it, for `robot`; empty: set_output and set_pwm
-    robot: str = ""
+    name: Annotated[str, NAME]
+    board_id: Annotated[int, BOARD_ID]
+    bit_id: Annotated[int, BIT_ID]
+    high_s: Annotated[float, Key(0.0, name="high_duration")] = 0.0  # then it switches by itself; 0: never
+    low_s: Annotated[float, Key(0.0, name="low_duration")] = 0.0
+    is_pwm: Annotated[bool, Key(name="is_PWM")] = False
+    pwm_hz: Annotated[float, Key(0.0, name="PWM_frequency")] = 0.0
+    set_by: Annotated[str, MADE] = ""  # io's only command that sets it, for `robot`; empty: set_output and set_pwm
+    robot: Annotated[str, MADE] = ""
 
 
 @dataclass(frozen=True, slots=True)
 class InstrumentReader:
     """A `dallas_chips` entry: the board that reads the memory of an arm's instrument."""
 
-    name: str
-    board_id: int
+    name: Annotated[str, NAME]
+    board_id: Annotated[int, BOARD_ID]
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +190,22 @@ class PidConfig:
     axes: tuple[PidAxis, ...]
     source: str = ""
     max_speeds: tuple[float, ...] = ()  # of the setpoints of each actuator, rad/s or m/s; empty: no bound
+
+
+@dataclass(frozen=True, slots=True)
+class RecordPlace:
+    """Where the values of a robot are in io's records: among the robots, the axes of all, and all drives."""
+
+    row: int
+    robot: Robot
+    axes: slice
+    brakes: slice
+    """Drives are all actuators, then all brakes."""
+
+    @property
+    def drives(self) -> list[int]:
+        """Its actuators, then its brakes."""
+        return [*range(self.axes.start, self.axes.stop), *range(self.brakes.start, self.brakes.stop)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,10 +229,25 @@ class IoConfig:
     spin_us: Annotated[float, Key(0.0, 50.0, "µs of busy waiting before a cycle and a reply")] = 50.0
     query_wait_us: Annotated[
         float, Key(0.0, 1000.0, "µs from a query of all boards to the read; 0: as long as they need")] = 0.0
+    unknown_firmware: Annotated[bool, Key(text="power controllers with unknown firmware, too")] = False
     instrument_readers: tuple[InstrumentReader, ...] = ()
     digital_outputs: tuple[DigitalOutput, ...] = ()
     calibration_mode: bool = False  # potentiometers and currents are being calibrated: checks that compare them are off
     tasks: tuple[TaskRow, ...] = ()
+
+    @property
+    def places(self) -> list[RecordPlace]:
+        """Those of all its robots, in order."""
+        first, brake, found = 0, sum(len(robot.actuators) for robot in self.robots), []
+        for row, robot in enumerate(self.robots):
+            last, end = first + len(robot.actuators), brake + len(robot.brakes)
+            found.append(RecordPlace(row, robot, slice(first, last), slice(brake, end)))
+            first, brake = last, end
+        return found
+
+    def place(self, name: str) -> RecordPlace:
+        """That of the robot `name`; KeyError when there is none."""
+        return self.places[self.robots.index(_named(self.robots, name))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,12 +289,14 @@ class SystemConfig:
     foxglove: FoxgloveServer | None = None
     gui: WebConsole | None = None
     recorder: Recorder | None = None
-    audio_volume: float = 0.5
+    audio_volume: Annotated[float, Key(0.0, 1.0)] = 0.5
     supervisor_lost_s: float = 1.0
     group: str = ""  # its members may attach, too
     service_user: str = ""  # user whose shared memory is trusted besides our own and root's
     logs: Logs = Logs()
     cpus: tuple[int, ...] = ()  # processors of the supervisor, and default for all processes; empty: any
+    history_s: float = 0.0  # time that rings keep, where shared memory is short; 0: the usual one
+    shortage: str = ""  # this in words
     notes: tuple[str, ...] = ()  # overrides, e.g. "port fw replaced by emulated boards at 127.…"
 
     def io(self, name: str) -> IoConfig:

@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final, Literal
+
+from trocar.procs.document.keys import Key
 
 BYTES: Final = {"float": 8, "float32": 4, "int": 8, "int32": 4, "uint8": 1, "uint16": 2, "bool": 1, "text": 1}
 """Names of types, and the size of an element in bytes."""
 TYPE: Final = rf"^({'|'.join(BYTES)})(\[[1-9][0-9]{{0,5}}(,[1-9][0-9]{{0,5}})?\])?$"
+WORD: Final = Key(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,31}$",
+                  text="letters, digits and _, not a digit first, at most 32")
+EffectWord = Literal["read", "setting", "free", "relax", "release", "motion", "power"]
 SET_PROPERTY: Final = "set_property"
 SAVE_PROPERTIES: Final = "save_properties"
 PROPERTIES: Final = "properties"
@@ -17,40 +22,75 @@ PROPERTIES: Final = "properties"
 
 
 @dataclass(frozen=True, slots=True)
-class UserField:
-    """A field of a topic or an argument of a command; types are float, int, bool, text…, or arrays like `float[6]`."""
+class RosPayload:
+    """What a ROS message takes from a record: the fields of the same names, and no others.
 
-    name: str
-    type: str
-    unit: str = ""
-    text: str = ""
+    `kind` is the CRTK payload (shm/topics.py); empty: its one field is published when it changes. Sizes 0: any number.
+    """
+
+    kind: str
+    fields: tuple[tuple[str, int], ...]
+    types: tuple[str, ...] = ("float", "float32", "int", "int32", "uint8", "uint16")
+    is_whole: bool = True
+    """All fields are needed; otherwise at least one."""
+
+
+ROS_PAYLOADS: Final = {
+    "sensor_msgs/JointState": RosPayload("js", (("position", 0), ("velocity", 0), ("effort", 0)), is_whole=False),
+    "geometry_msgs/PoseStamped": RosPayload("cp", (("pose", 7),)),
+    "geometry_msgs/TwistStamped": RosPayload("cv", (("twist", 6),)),
+    "geometry_msgs/WrenchStamped": RosPayload("cf", (("wrench", 6),)),
+    "geometry_msgs/QuaternionStamped": RosPayload("turn", (("orientation", 4),)),
+    "std_msgs/Float64MultiArray": RosPayload("numbers", (("data", 0),)),
+    "std_msgs/Float64": RosPayload("", (("data", 1),)),
+    "std_msgs/Bool": RosPayload("", (("data", 1),), ("bool",)),
+    "std_msgs/String": RosPayload("", (("data", 1),), ("text",)),
+}
+"""Messages that topics of users' processes may become over ROS."""
+
+
+@dataclass(frozen=True, slots=True)
+class RosTopic:
+    """A topic over ROS."""
+
+    message: Annotated[str, Key(pattern=rf"^({'|'.join(ROS_PAYLOADS)})$", text=f"one of {', '.join(ROS_PAYLOADS)}")]
+    frame: Annotated[str, Key(max_length=200)] = ""
+    joints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class UserField:
+    """A field of a topic, or an argument of a command."""
+
+    name: Annotated[str, WORD]
+    type: Annotated[str, Key(pattern=TYPE, text=f"{', '.join(BYTES)}; with a length: float[6], text[24]")] = "float"
+    unit: Annotated[str, Key(max_length=40)] = ""
+    text: Annotated[str, Key(max_length=400)] = ""
 
 
 @dataclass(frozen=True, slots=True)
 class UserTopic:
-    """A topic of a user's process; the ring keeps `depth` records."""
+    """A topic of a user's process."""
 
-    name: str
-    rate_hz: float
-    depth: int
-    fields: tuple[UserField, ...]
+    name: Annotated[str, WORD]
+    rate_hz: Annotated[float, Key(0.0, 10000.0, "Hz as a rule; 0: now and then")] = 0.0
+    depth: Annotated[int, Key(2, 65536, "records that are kept")] = 256
+    fields: Annotated[tuple[UserField, ...], Key(min_length=1)] = ()
+    ros: Annotated[RosTopic | None, Key(text="the message that the ROS bridge publishes of it")] = None
 
 
 @dataclass(frozen=True, slots=True)
 class UserCommand:
-    """A command that a user's process executes.
+    """A command of a user's process or derived arm."""
 
-    `effect`: the worst possible effect (shm/mailbox/command_row.py), direct or by commands to others; from "relax" on
-    it needs an operator's command, whose origin is passed on. `stops`: it ends something; `latest`: of several waiting
-    ones only the newest is executed.
-    """
-
-    name: str
+    name: Annotated[str, WORD]
     arguments: tuple[UserField, ...] = ()
-    text: str = ""
-    effect: str = "motion"
-    stops: bool = False
-    latest: bool = False
+    text: Annotated[str, Key(max_length=400)] = ""
+    # As in shm/mailbox/command_row.py; from "relax" on it needs an operator's command, whose origin is passed on.
+    effect: Annotated[EffectWord, Key(
+        text="its worst effect, also by commands to others; motion and power need an operator's command")] = "motion"
+    stops: bool = False  # it ends something
+    latest: bool = False  # of several waiting ones only the newest is executed
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,9 @@ AGAIN_NS: Final = 100_000_000  # until a pin that is not as it should be is writ
 class Lens:
     """One way at a time, or none; `locked`: none."""
 
-    def __init__(self, desk: Wires) -> None:
+    def __init__(self, wires: Wires) -> None:
         """At rest."""
-        self._desk = desk
+        self._wires = wires
         self.locked = False
         self.focusing = [False, False]
         self._pedals = [False, False]
@@ -36,7 +36,7 @@ class Lens:
         self.locked = on
         if on:
             self.rest()
-        self._desk.report("locked", on)
+        self._wires.report("locked", on)
 
     def ask(self, way: int, on: bool, until_ns: int = 0) -> str:
         """Start to focus, at most until then (0: no limit), or stop; returns the reason of a refusal, "": accepted."""
@@ -70,9 +70,9 @@ class Lens:
         for way, high in enumerate(pins or ()):
             if high is self.focusing[way] and now_ns - self._written_ns[way] >= AGAIN_NS:
                 self._written_ns[way] = now_ns
-                self._desk.write(way, not self.focusing[way])
+                self._wires.write(way, not self.focusing[way])
 
     def _set(self, way: int, on: bool) -> None:
         self.focusing[way] = on
         self._written_ns[way] = -AGAIN_NS  # with the next cycle's look at the pins
-        self._desk.report(f"focusing_{NAMES[way]}", on)
+        self._wires.report(f"focusing_{NAMES[way]}", on)

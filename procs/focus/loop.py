@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 from trocar.procs.document.system import Focus, WiredInput
 from trocar.procs.focus.lens import COMMANDED_NS, IN, OUT, Lens
 from trocar.procs.node import runtime
+from trocar.procs.node.node import Node
 from trocar.procs.node.requests import CommandRefused, Request, carry_out, switch
 
 WAYS: Final = {"focus_in": IN, "focus_out": OUT}
 
 
 class Wires:
-    """Pedals and outputs on the records of io; the desk of `trocar.procs.focus.lens`."""
+    """Pedals and outputs on the records of io, for `trocar.procs.focus.lens`."""
 
-    def __init__(self, node: runtime.Node, row: Focus) -> None:
+    def __init__(self, node: Node, row: Focus) -> None:
         """Attaches to the rings of the ios, and takes a place in the mailbox of the one with the outputs."""
         self._node, self._row = node, row
         self._ios = {io: node.input(io) for io in {row.io, *(w.io for w in row.pedals)}}
@@ -42,11 +43,11 @@ class Wires:
         return [bool(pin) for pin in self._pins] if self._is_fresh(self._row.io) else None
 
     def write(self, way: int, high: bool) -> None:
-        """See Desk."""
+        """Set one of the two outputs."""
         self._client.send("set_output", (float(high),), self._row.outputs[way])
 
     def report(self, event: str, on: bool) -> None:
-        """See Desk."""
+        """Emit an event."""
         self._node.events.emit(event, component=self._node.name, value=float(on))
 
     def _is_fresh(self, io: str) -> bool:
@@ -67,27 +68,28 @@ def execute(request: Request, lens: Lens, now_ns: int) -> None:
 class FocusLoop(runtime.Loop):
     """One endoscope's focus."""
 
-    def __init__(self, node: runtime.Node) -> None:
-        super().__init__(node)
+    def setup(self) -> None:
+        node = self.node
         self._wires = Wires(node, node.document.focus_of(node.name))
         self._lens, self._state, self._mailbox = Lens(self._wires), node.writes("state"), node.mailbox()
         field = self._state.field
         self._valid, self._locked, self._focusing = field("valid"), field("locked"), field("focusing")
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
+    def update(self) -> None:
         """See runtime.Loop."""
-        lens, wires = self._lens, self._wires
-        for request in self._mailbox.drain(wall_ns):
+        lens, wires, now_ns = self._lens, self._wires, self.node.now_ns
+        for request in self._mailbox.drain(self.node.wall_ns):
             carry_out(request, lambda each: execute(each, lens, now_ns))
         pins = wires.pins()
         lens.step(now_ns, wires.pedals(), pins)
         self._valid[...], self._locked[...], self._focusing[...] = pins is not None, lens.locked, lens.focusing
         self._state.publish(now_ns)
 
-    def close(self) -> None:
+    def quit(self) -> None:
         """The lens rests."""
-        for way in (IN, OUT):
-            self._wires.write(way, True)
+        if hasattr(self, "_wires"):
+            for way in (IN, OUT):
+                self._wires.write(way, True)
 
 
 def main() -> None:

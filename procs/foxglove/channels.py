@@ -134,7 +134,7 @@ class ShownRecords:
         for topic in self.topics:
             if topic.channel.has_sinks() is not topic.is_wanted:
                 topic.is_wanted, self._sequence = not topic.is_wanted, 0
-                (self._demand.take if topic.is_wanted else self._demand.leave)(topic.source)
+                (self._demand.take if topic.is_wanted else self._demand.leave)(topic.source.entry)
 
     def step(self, stamps: Stamps) -> None:
         """The newest record, once."""

@@ -1,13 +1,15 @@
 """The robot in 3D: a frame for each joint of each arm, in which its link is drawn as a rod to the next one.
 
-Frames of an arm: NAME_base, NAME_joint for each joint, NAME at the tip. The base is seen from the frame that the arm's
-record names, which may be the tip of another one (ECM) or the cart.
+Frames of an arm: NAME_base, NAME_joint for each joint, NAME at the tip; with meshes, NAME_LINK for each link of the
+model. The base is seen from the frame that the arm's record names, which may be the tip of another one (ECM) or the
+cart.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -17,6 +19,7 @@ from foxglove.messages import (
     CylinderPrimitive,
     FrameTransform,
     FrameTransforms,
+    ModelPrimitive,
     Pose,
     Quaternion,
     SceneEntity,
@@ -24,17 +27,19 @@ from foxglove.messages import (
     SceneEntityDeletionType,
     SceneUpdate,
     SpherePrimitive,
+    Timestamp,
     Vector3,
 )
 from numpy.typing import NDArray
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.views import Stamps
-from trocar.procs.document.arms import ArmConfig
-from trocar.procs.foxglove.channels import rotation_of, timestamp
+from trocar.procs.document.arms import ArmConfig, Mesh
+from trocar.procs.foxglove.channels import pose_of, rotation_of, timestamp
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import carrying
 from trocar.procs.kinematics.poses import pose_from_matrix, product, turned
+from trocar.procs.machine.mesh_file import contents
 from trocar.shm.ring.ring import RingReader
 
 FRAMES: Final = "/tf"
@@ -60,6 +65,7 @@ class DrawnArm:
         self._valid, self._known = ring.field("valid"), ring.field("reference_valid")
         self._reference, self._base = ring.field("reference_frame"), ring.field("base_frame")
         self._carried = "?"
+        self._mesh_poses = [pose_from_matrix(np.array(row.pose)).tolist() for row in arm.meshes]
         self.chain: Kinematics
         self.look()
 
@@ -101,18 +107,34 @@ class DrawnArm:
             found.append(FrameTransform(timestamp=when, parent_frame_id=parent, child_frame_id=child,
                                         translation=Vector3(x=x, y=y, z=z), rotation=rotation_of(list(turn))))
             parent = child
-        return found
+        known = dict(zip(self.chain.names, positions, strict=False))
+        return found + [self._mesh_frame(when, place, known) for place in range(len(self._mesh_poses))]
+
+    def _mesh_frame(self, when: Timestamp, place: int, positions: Mapping[str, float]) -> FrameTransform:
+        """The frame of a link with meshes; one that follows a joint turns about its z."""
+        row, (x, y, z, *turn) = self.arm.meshes[place], self._mesh_poses[place]
+        half = row.turn(positions) / 2.0
+        turn = list(product(turn, (0.0, 0.0, math.sin(half), math.cos(half))))
+        name = self.arm.name
+        return FrameTransform(timestamp=when, parent_frame_id=f"{name}_{row.parent or 'base'}",
+                              child_frame_id=f"{name}_{row.name}", translation=Vector3(x=x, y=y, z=z),
+                              rotation=rotation_of(turn))
 
     def entities(self) -> list[SceneEntity]:
         """Its links."""
         chain, own = self.chain, len(self.arm.chain.links)
         ends = [*chain.links.placements[1:, :, 3], chain.end[:, 3]]
         starts = [(f"{self.arm.name}_base", chain.links.placements[0][:, 3]), *zip(self.names, ends, strict=True)]
-        return [SceneEntity(frame_id=frame, id=frame, frame_locked=True, cylinders=self._rods(to, THIN_M if place > own
-                                                                                             else ROD_M),
+        models = [(f"{self.arm.name}_{row.name}", list(filter(None, map(_model, row.meshes))))
+                  for row in self.arm.meshes]
+        meshes = [SceneEntity(frame_id=frame, id=frame, frame_locked=True, models=made)
+                  for frame, made in models if made]
+        rods = [SceneEntity(frame_id=frame, id=frame, frame_locked=True,
+                            cylinders=self._rods(to, THIN_M if place > own else ROD_M),
                             spheres=[SpherePrimitive(pose=AT_ORIGIN, size=Vector3(x=JOINT_M, y=JOINT_M, z=JOINT_M),
                                                      color=self._colour)] if 0 < place <= own else [])
                 for place, (frame, to) in enumerate(starts)]
+        return rods + meshes
 
     def _rods(self, to: NDArray[np.float64], thickness: float) -> list[CylinderPrimitive]:
         """A rod from the frame's origin to a point (3,), unless that is there."""
@@ -126,6 +148,14 @@ class DrawnArm:
         pose = Pose(position=Vector3(x=x, y=y, z=z), orientation=rotation_of((turn / np.linalg.norm(turn)).tolist()))
         return [CylinderPrimitive(pose=pose, size=Vector3(x=thickness, y=thickness, z=length), bottom_scale=1.0,
                                   top_scale=1.0, color=self._colour)]
+
+
+def _model(mesh: Mesh) -> ModelPrimitive | None:
+    """A mesh, with the contents of its file; None if it cannot be read, or has another format."""
+    media, data = contents(Path(mesh.file))
+    x, y, z = mesh.scale
+    return ModelPrimitive(pose=pose_of(pose_from_matrix(np.array(mesh.pose)).tolist()), scale=Vector3(x=x, y=y, z=z),
+                          media_type=media, data=data) if data else None
 
 
 AT_ORIGIN: Final = Pose(position=Vector3(), orientation=Quaternion(w=1.0))

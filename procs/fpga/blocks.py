@@ -1,5 +1,7 @@
 """Real-time blocks of firmware Rev 7, 8 and 9: the quadlets of read blocks, hub memory and write groups.
 
+What Rev 10 changes is not public. Its blocks are assumed to be those of Rev 9, which `BusPort` checks by reading them.
+
 `io` and `boards` use the tables (`LAYOUTS`, `AXES_OF`, columns) on whole arrays, a row a board. Columns are the same in
 every revision, but Rev 7 lacks the last kind.
 """
@@ -57,6 +59,7 @@ class Layout:
     time_mask: int  # update time, ticks since the query
     motors: int = registers.AXES
     encoders: int = registers.AXES
+    is_assumed: bool = False  # no capture of this revision exists; the layout is that of the one before
 
     @property
     def read_quads(self) -> int:
@@ -86,8 +89,7 @@ class Layout:
     @property
     def check_mask(self) -> int:
         """Bits of a hub header with known values."""
-        return (self.sequence_mask << self.sequence_shift | self.mismatch
-                | (0xFF00_0000 if self.has_size else 0))
+        return (self.sequence_mask << self.sequence_shift | self.mismatch | (0xFF00_0000 if self.has_size else 0))
 
     def header(self, sequence: int) -> int:
         """Hub header of a good block, update time 0."""
@@ -99,6 +101,7 @@ LAYOUTS: Final = {
     7: Layout(7, 16, 0xFFFF, False, 0, 0x3FFF),
     8: Layout(8, 16, 0xFF, True, 1 << 15, 0x3FFF),
     9: Layout(9, 16, 0xFF, True, 1 << 15, 0x7FFF),
+    10: Layout(10, 16, 0xFF, True, 1 << 15, 0x7FFF, is_assumed=True),
 }
 REVISIONS: Final = f"Rev {', '.join(map(str, LAYOUTS))}"
 """Layouts for reading, by firmware revision."""
@@ -117,11 +120,8 @@ def read_quads(firmware: int, motors: int = registers.AXES, encoders: int = regi
     return layout_of(firmware, motors, encoders).read_quads
 
 
-def hub_read_quads(firmware: int, boards: int) -> int:
-    """Quadlets of a hub read of QLA1: a header and a block for every board, then the timing quadlet."""
-    return layout_of(firmware).hub_quads * boards + 1
-
-
-def hub_read_quads_of(boards: Iterable[tuple[int, str]]) -> int:
-    """The same for any boards, given firmware and hardware of each."""
+def hub_read_quads(boards: Iterable[tuple[int, str]]) -> int:
+    """Quadlets of a hub read: a header and a block for every board, given as firmware and hardware, then the timing
+    quadlet.
+    """
     return sum(read_quads(firmware, *AXES_OF[hardware]) + 1 for firmware, hardware in boards) + 1

@@ -7,6 +7,7 @@ equivalent to +32768), never saturated.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -22,14 +23,8 @@ FEEDBACK_FACTOR: Final = 1.2
 FEEDBACK_MARGIN_A: Final = 0.05
 
 
-def linear(bits: NDArray[np.generic], scale: Floats, offset: Floats, out: Floats) -> Floats:
-    """out = bits · scale + offset."""
-    np.multiply(bits, scale, out)
-    return np.add(out, offset, out)
-
-
-def position_bits(position: Floats, scale: Floats, offset: Floats) -> Ints:
-    """Encoder counts (0 at mid-range) nearest to positions [rad or m].
+def preload_bits(position: Floats, scale: Floats, offset: Floats) -> Ints:
+    """Preload register values that make encoders read `position` [rad or m].
 
     Rounds, because truncation, as in the reference, loses a count in one of 260. ValueError if a position is not finite
     or outside the 24-bit counter.
@@ -37,12 +32,7 @@ def position_bits(position: Floats, scale: Floats, offset: Floats) -> Ints:
     counts = np.rint((position - offset) / scale)
     if not np.all(np.abs(counts) <= ENCODER_MIDRANGE - 1):
         raise ValueError("a position is not finite or outside the encoder's range")
-    return counts.astype(np.int64)
-
-
-def preload_bits(position: Floats, scale: Floats, offset: Floats) -> Ints:
-    """Preload register values that make encoders read `position` [rad or m]."""
-    return position_bits(position, scale, offset) + ENCODER_MIDRANGE & ENCODER_MASK
+    return counts.astype(np.int64) + ENCODER_MIDRANGE & ENCODER_MASK
 
 
 class CurrentEncoder:
@@ -85,6 +75,11 @@ def inverse(scale: Floats) -> Floats:
     result: Floats = np.zeros_like(scale)
     np.divide(1.0, scale, out=result, where=scale != 0.0)
     return result
+
+
+def are_nominal(offsets: Sequence[float]) -> bool:
+    """Whether the current offsets of a robot's actuators were not measured: measured ones of three are never equal."""
+    return len(offsets) > 2 and len(set(map(int, offsets))) == 1
 
 
 def feedback_limit(maximum_current: Floats) -> Floats:

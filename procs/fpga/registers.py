@@ -11,6 +11,7 @@ import math
 from typing import Final
 
 AXES: Final = 4  # of a QLA1
+OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to the address assigned to it
 
 # -- clock and units ---------------------------------------------------------------------------------------------------
 CLOCK_HZ: Final = 49_152_000
@@ -100,7 +101,6 @@ STATUS_SAFETY_VOLTAGE: Final = 1 << 14  # Rev 8 on, QLA >= 1.5
 STATUS_IO_EXPANDER: Final = 1 << 12  # Rev 8 on, QLA >= 1.5
 STATUS_AMP_ON_SHIFT: Final = 8  # one bit an axis: the amplifier is really on
 STATUS_SAFETY_SHIFT: Final = 4  # one bit an axis: cut because measured and commanded current differed
-STATUS_AMP_LOW_SHIFT: Final = 0  # Rev 7: enable request; Rev 8 and 9: the amplifier-on bits again
 # of a DQLA: a bit for each of its QLAs, the second one's above the first one's
 STATUS_DQLA_QUAD_DAC: Final = 1 << 21
 STATUS_DQLA_MV_GOOD: Final = 1 << 14
@@ -154,7 +154,6 @@ DAC_COLLECT: Final = 1 << 30
 DAC_AMP_MASK: Final = 1 << 29  # Rev 8 on
 DAC_AMP_ENABLE: Final = 1 << 28  # Rev 8 on
 DAC_BOARD_SHIFT: Final = 24  # Rev 7 block write: board id
-DAC_MODE_SHIFT: Final = 24  # Rev 8 on: 0 current, 1 voltage
 DAC_VALUE_MASK: Final = 0xFFFF
 DAC_READ_REV_7: Final = 0x0030_0000  # in a value read back, after one was written
 MODE_CURRENT: Final = 0
@@ -169,7 +168,6 @@ MOTOR_CONFIG_CURRENT: Final = 1 << 24  # read: always; written: set the current 
 MOTOR_CONFIG_DELAY_SHIFT: Final = 16  # eight bits of MOTOR_CONFIG_DELAY_TICKS each
 MOTOR_CONFIG_DELAY_TICKS: Final = 1024
 MOTOR_CONFIG_LIMIT_MASK: Final = 0x7FFF
-MOTOR_STATUS_POWER_UP: Final = 0x0010_8000
 MOTOR_STATUS_AMP_ON_SHIFT: Final = 29
 MOTOR_STATUS_AMP_ON: Final = 1 << MOTOR_STATUS_AMP_ON_SHIFT
 MOTOR_STATUS_AMP_REQUESTED: Final = 1 << 28

@@ -75,16 +75,6 @@ class FirmwareVelocity:
         self._a, self._b = np.zeros(n), np.zeros(n)
         self._none = np.zeros(n)
 
-    @property
-    def velocity(self) -> Floats:
-        """Counts/s over the last four edges."""
-        return self._speed * self.sign
-
-    @property
-    def acceleration(self) -> Floats:
-        """Counts/s²."""
-        return self.accelerations(np.zeros_like(self.rate))
-
     def accelerations(self, out: Floats) -> Floats:
         """Counts/s² into `out`."""
         np.multiply(self.rate, self.sign, out)
@@ -139,10 +129,6 @@ class SoftwareVelocity:
         self.velocity: Floats = np.zeros(n)
         self.previous = np.zeros(n)
         self.since, self.slope = np.zeros(n), np.zeros(n)
-        self._change, self._magnitude = np.zeros(n), np.zeros(n)
-        self._a, self._b = np.zeros(n), np.zeros(n)
-        self._moved, self._young = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-        self._none, self._one, self._slowest = np.zeros(n), np.ones(n), np.full(n, registers.SLOWEST_S)
         self.known = np.zeros(1, dtype=bool)  # the previous update's counts are valid
 
     def forget(self) -> None:
@@ -161,27 +147,16 @@ class SoftwareVelocity:
         if not self.known[0]:
             self.reset(counts)
             return self.velocity
-        change, v = self._change, self.velocity
-        np.subtract(counts, self.previous, change)
+        change, v = np.subtract(counts, self.previous), self.velocity
         np.copyto(self.previous, counts)
         # no count: run down the slope for a second, then 0
-        np.less(self.since, self._slowest, self._young)
-        np.multiply(self.slope, dt, self._a)
-        np.subtract(v, self._a, v)
-        np.multiply(v, self._young, v)
-        np.add(self.since, dt, self.since)
-        np.not_equal(change, self._none, self._moved)
-        if b"\1" not in self._moved.tobytes():
-            return v
-        # counts: one of them took all the time since the last, the others fell into this interval
-        jump, tiny = self._b, _NEVER
-        np.absolute(change, self._magnitude)
-        np.subtract(self._magnitude, self._one, jump)
-        np.divide(jump, np.maximum(dt, tiny), jump)
-        np.divide(self._one, np.maximum(self.since, tiny, out=self._a), self._a)
-        np.add(jump, self._a, jump)
-        np.copysign(jump, change, jump)
-        np.copyto(v, jump, where=self._moved)
-        np.copyto(self.slope, v, where=self._moved)
-        np.copyto(self.since, self._none, where=self._moved)
+        np.multiply(v - self.slope * dt, self.since < registers.SLOWEST_S, v)
+        self.since += dt
+        moved = change != 0.0
+        if moved.any():
+            # counts: one of them took all the time since the last, the others fell into this interval
+            jump = (np.absolute(change) - 1.0) / np.maximum(dt, _NEVER) + 1.0 / np.maximum(self.since, _NEVER)
+            np.copyto(v, np.copysign(jump, change), where=moved)
+            np.copyto(self.slope, v, where=moved)
+            self.since[moved] = 0.0
         return v

@@ -1,58 +1,100 @@
 """The web console: the robot in a browser. docs/gui.md.
 
-Between two cycles it serves browsers; once a cycle it sends each page its data. After a stall of one second it
-disconnects all: their requests from the stall are out of date.
+Between two cycles it serves browsers: pages, and the connection `/live` that each page has for its data and commands.
+Once a cycle it sends each page its data. After a stall of `late_s` it disconnects all: their requests from the stall
+are out of date. The pages of NiceGUI exist once in a process, so the loop continues.
 """
 
 from __future__ import annotations
 
+import asyncio
 import os
+import socket
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import Any, Final
+
+import uvicorn
+from fastapi import WebSocket, WebSocketDisconnect
 
 from trocar.procs.crtk.calls import owners_of
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.browsers import Browsers, ConsoleService
 from trocar.procs.gui.catalogue import sources_of
+from trocar.procs.gui.gate import Gate
 from trocar.procs.gui.pages.application import application
 from trocar.procs.gui.scene_source import ArmModels
-from trocar.procs.gui.server import WebServer
-from trocar.procs.machine.access import token_in
+from trocar.procs.machine.access import tls_of, token_in
 from trocar.procs.machine.paths import token_file
 from trocar.procs.node import runtime
-from trocar.procs.node.pacing import Pauses, duration
+from trocar.procs.node.pacing import duration
 from trocar.procs.node.serving import ServingLoop
-from trocar.shm.mailbox.generations import Faults
 from trocar.shm.time.clock import monotonic_ns
 
-HELD_UP_NS: Final = 1_000_000_000
+BYTES: Final = 1 << 20
+"""Of a message, of those that NiceGUI sends as well."""
+STEP_S: Final = 0.01
+
+
+class _Server(uvicorn.Server):
+    """One that leaves signals to the process."""
+
+    def capture_signals(self) -> AbstractContextManager[None]:  # type: ignore[override]
+        return nullcontext()
 
 
 class GuiLoop(ServingLoop):
     """Serves pages."""
 
-    def __init__(self, node: runtime.Node) -> None:
-        """Take the sockets; AccessError when the token or a certificate cannot be used."""
-        super().__init__(node)
-        document = node.document
-        if document.gui is None:
+    async def listen(self, sockets: list[socket.socket]) -> None:
+        """See ServingLoop; clients pass the gate first."""
+        node, document, console = self.node, self.node.document, self.node.document.gui
+        if console is None:
             raise ValueError("the system has no web console")
-        self._period_ns, self._pauses = round(node.row.period_s * 1e9), Pauses(HELD_UP_NS)
-        run = f"{os.getpid()}-{monotonic_ns()}"
-        self._sources, self._models, self._faults = sources_of(document), ArmModels(document), Faults(document.name)
-        self._browsers = Browsers(ConsoleService(document.name, owners_of(document), self._sources,
-                                                 self._pauses.is_over, self._models, run,
-                                                 self._faults.generation))
-        token = token_in(document.gui.token_file or _made_token(document))
-        self._server = WebServer(application(document), document.gui, token, self._browsers, node.log)
-        self.events.run_until_complete(self._server.listen(self.sockets()))
+        self._most, run = console.max_clients, f"{os.getpid()}-{monotonic_ns()}"
+        sources, models = node.hold(sources_of(document)), node.hold(ArmModels(document))
+        self._browsers = node.hold(Browsers(ConsoleService(
+            document.name, owners_of(document), sources, node.pauses.is_over, models, run, node.faults().generation)))
+        token, tls = token_in(console.token_file or _made_token(document)), tls_of(console)
+        pages = application(document, node.log)
+        pages.add_api_websocket_route("/live", self._live)
+        pages.router.routes.insert(0, pages.router.routes.pop())  # before the pages, which are mounted at /
+        self._server = _Server(uvicorn.Config(
+            Gate(pages, token, bool(console.authorities), node.log), log_config=None, access_log=False,
+            proxy_headers=False, server_header=False, loop="none", http="h11", ws="websockets-sansio",
+            ws_max_size=BYTES, lifespan="on", timeout_graceful_shutdown=1,
+            ssl_context_factory=(lambda config, make: tls) if tls is not None else None))
+        self._task = asyncio.create_task(self._server.serve(sockets))
+        while not self._server.started:
+            if self._task.done():
+                self._task.result()
+                raise RuntimeError("the web server has ended")
+            await asyncio.sleep(STEP_S)
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
+    async def _live(self, page: WebSocket) -> None:
+        """The connection of one page."""
+        await page.accept()
+        client = page.client
+        if client is None or len(self._browsers.all) >= self._most:
+            await page.close(1013, f"{len(self._browsers.all)} pages are open already (trocar.gui.max_clients): "
+                                   "close one; until then nothing works here, not even Power off")
+            return
+        browser = self._browsers.come(page, f"{client.host} port {client.port}")
+        sending = asyncio.create_task(browser.deliver())
+        try:
+            with suppress(WebSocketDisconnect, RuntimeError):  # also where we have closed it
+                await browser.listen(page.receive_text)
+        finally:
+            sending.cancel()
+            self._browsers.leave(browser)
+
+    def update(self) -> None:
         """Send the pages' data, publish their activity."""
-        if late_ns := self._pauses.next(self._period_ns):
-            self._browsers.forget(f"the web console stalled for {duration(late_ns)}")
-            self._pauses.begin()
-        self._browsers.tick(now_ns)
-        self.show(now_ns)
+        node = self.node
+        if node.held_up_ns:
+            self._browsers.forget(f"the web console stalled for {duration(node.held_up_ns)}")
+            node.pauses.begin()
+        self._browsers.tick(node.now_ns)
+        super().update()
 
     def shown(self, now_ns: int) -> dict[str, Any]:
         """Activity of the pages."""
@@ -61,14 +103,12 @@ class GuiLoop(ServingLoop):
                 "controlling": self._browsers.served.control.holder(now_ns).encode()[:40], "sent": counts.sent,
                 "lost": counts.lost, "commands": counts.commands, "refused": counts.refused}
 
-    def close(self) -> None:
-        """Disconnect all browsers."""
-        self.events.run_until_complete(self._server.close())
-        self._browsers.close()
-        self._sources.close()
-        self._models.close()
-        self._faults.close()
-        self.events.close()
+    async def disconnect(self) -> None:
+        """See ServingLoop."""
+        self._server.should_exit = True
+        with suppress(Exception):
+            await self._task
+        self.node.pauses.end()  # no page can send now; what they hold is released, however long that took
 
 
 def _made_token(document: SystemConfig) -> str:

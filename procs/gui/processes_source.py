@@ -6,6 +6,7 @@ import contextlib
 from typing import Any, Final
 
 from trocar.procs.crtk.plain import plain
+from trocar.procs.crtk.reported import supervised
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.machine.usage import Usage
 from trocar.shm.memory.segment import SegmentError
@@ -15,7 +16,6 @@ from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
 
 LOOK_NS: Final = 1_000_000_000
-ROW: Final = ("lifecycle", "restarts", "exit_reason")
 
 
 class ProcessesSource:
@@ -36,20 +36,11 @@ class ProcessesSource:
         """`rows`, one for each process."""
         if now_ns >= self._look_ns:
             self._look_ns = now_ns + LOOK_NS
-            said = self._said()
+            said = supervised(self._ledger, "lifecycle", "restarts", "exit_reason")
             rows = [self._row(name, page, said.get(name, {})) for name, page in self._pages.items()]
             self._usage.keep(int(row["pid"]) for row in rows)
             self._shown = {"age": 0.0, "rows": rows}
         return self._shown
-
-    def _said(self) -> dict[str, dict[str, Any]]:
-        if not self._ledger.newest():
-            return {}
-        names = [name.decode(errors="replace") for name in self._ledger.field("instance").tolist()]
-        columns = [self._ledger.field(key).tolist() for key in ROW]
-        return {name: dict(zip(ROW, (word.decode(errors="replace") if isinstance(word, bytes) else word
-                                     for word in row), strict=True))
-                for name, *row in zip(names, *columns, strict=True) if name}
 
     def _row(self, name: str, page: ControlPage, said: dict[str, Any]) -> dict[str, Any]:
         pid, period_s, beat = int(page.get("pid")), float(page.get("period_avg")), int(page.get("heartbeat_ns"))

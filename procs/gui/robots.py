@@ -71,12 +71,9 @@ def robots_of(document: SystemConfig) -> list[IoRobot]:
     """All robots of a system."""
     found = []
     for io in document.ios:
-        first, brake = 0, sum(len(robot.actuators) for robot in io.robots)
-        for place, robot in enumerate(io.robots):
-            last, end = first + len(robot.actuators), brake + len(robot.brakes)
-            pid = next((pid for pid in io.pids if pid.robot == robot.name), None)
-            found.append(IoRobot(io, place, robot, slice(first, last), slice(brake, end), pid))
-            first, brake = last, end
+        for place in io.places:
+            pid = next((pid for pid in io.pids if pid.robot == place.robot.name), None)
+            found.append(IoRobot(io, place.row, place.robot, place.axes, place.brakes, pid))
     return found
 
 

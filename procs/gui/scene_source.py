@@ -48,7 +48,7 @@ class SceneArm:
     def read(self, now_ns: int) -> dict[str, Any]:
         """`frames`: x y z and quaternion x y z w of the base, of each joint and of the tip, one after the other.
 
-        `late`: they are old, `age` s.
+        `late`: they are old, `age` s. `turns` (rad): angles of the arm's parts with meshes about their own z.
         """
         if not self.look():
             return {"frames": [], "late": True}
@@ -58,7 +58,9 @@ class SceneArm:
         is_late = now_ns - self._seen_ns > LATE_NS
         q = np.nan_to_num(cells["position"][:self.kinematics.n])
         q[count:] = 0.0
-        return {"frames": frames_of(self.kinematics, q, self._base), "near": self.near(q, NEAR).tolist(),
+        known = dict(zip(self.kinematics.names, q.tolist(), strict=True))
+        return {"frames": frames_of(self.kinematics, q, self._base),
+                "turns": [round(row.turn(known), 5) for row in self._arm.meshes], "near": self.near(q, NEAR).tolist(),
                 "state": cells["state"].item().decode(errors="replace"),
                 "jaw": float(cells["jaw_position"]) if cells["has_jaw"] else None,
                 "frame": cells["reference_frame"].item().decode(errors="replace"),

@@ -190,16 +190,6 @@ class Sources:
             self._problems[name] = str(error)
             return {"age": None, "problem": str(error)}
 
-    @property
-    def are_made(self) -> int:
-        """Number of sources of families that pages use."""
-        return len(self._made)
-
-    @property
-    def are_open(self) -> int:
-        """Number of open sources of families."""
-        return len(self._open)
-
     def close(self) -> None:
         """Close all sources."""
         for source in self._open.values():

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Final
 
 from trocar.procs.boards.controllers.bus import GROUP
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus.transport import Transport
-from trocar.procs.io.bus.udp import OWN_ADDRESS, address_of
-
-NODES: Final = 16
-TCODE_AT: Final = 5  # byte of a request whose upper half is the transaction code
+from trocar.procs.io.bus.udp import address_of
 
 
 class DirectTransport(Transport):
@@ -44,14 +40,14 @@ class DirectTransport(Transport):
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
         self._by_board = by_board
-        own = address_of(self._address, board) if firmware >= OWN_ADDRESS else self._address
+        own = address_of(self._address, board) if firmware >= registers.OWN_ADDRESS else self._address
         return registers.ip_quadlet(own)
 
     def _send(self, datagram: wire.Buffer) -> None:
         """See Transport; applies packet faults, too."""
         now, faults, bus = self._now_ns(), self._world.packet_faults, self._bus
         to = GROUP
-        if self._by_board and (node := datagram[3] & 0x3F) < NODES:
+        if self._by_board and (node := datagram[3] & 0x3F) < wire.NODES:
             to = node
         if not faults.active:
             reply = self._world.answer(bus, datagram, now, to)
@@ -62,7 +58,7 @@ class DirectTransport(Transport):
         leaving = [] if reply is None else faults.leave(bus, reply, self, now)
         for data, receiver in leaving:
             _reach(receiver, data)
-        if not leaving and datagram[TCODE_AT] >> 4 in wire.READS:
+        if not leaving and datagram[wire.TCODE_AT] >> 4 in wire.READS:
             self._replies.append(b"")  # an empty reply, so that the reader does not wait for a lost one forever
         for _, data, receiver in faults.due(now):
             _reach(receiver, data)

@@ -14,8 +14,8 @@ from __future__ import annotations
 import contextlib
 import os
 import weakref
-from collections.abc import Callable, Iterator
-from typing import Any, Self
+from collections.abc import Iterator
+from typing import Any
 
 from trocar.procs.crtk.names import none_such
 from trocar.procs.document.system import SystemConfig
@@ -29,6 +29,7 @@ from trocar.procs.supervisor.memory import simulated
 from trocar.procs.tables.manifest import proc
 from trocar.shm.mailbox.client import Client
 from trocar.shm.memory import private
+from trocar.shm.memory.closable import Closable
 from trocar.shm.memory.layout import Schema
 from trocar.shm.memory.segment import Make, create, names_of
 from trocar.shm.ring.ring import RingReader
@@ -63,7 +64,7 @@ class CommandNumbers:
         return os.getpid() << 32 | FIRST_NUMBER + self._count
 
 
-class Host:
+class Host(Closable):
     """One system. Time begins at EPOCH_NS (shm/time/lockstep.py) and passes in `run` only."""
 
     def __init__(self, document: SystemConfig, history: int = HISTORY) -> None:
@@ -78,7 +79,7 @@ class Host:
         self._numbers = CommandNumbers()
         self._memory: HostMemory | None = None
         self._places: list[Client] = []  # one per mailbox: it holds the place that all handles share there
-        self._turns: dict[str, tuple[HostedNode, Callable[[], bool], Callable[[int, int], None]]] = {}
+        self._turns: dict[str, tuple[HostedNode, Loop]] = {}
         self._held = contextlib.ExitStack()
         weakref.finalize(self, _give_back, self._held, os.getpid()).atexit = False
         wanted = [row for row in document.processes if proc(row.kind).in_time]
@@ -100,18 +101,18 @@ class Host:
             raise
 
     def _add(self, node: HostedNode) -> None:
-        self._held.callback(node.leave)
+        self._held.callback(node.close)
         self._begin(node)
         loops, name = self.loops, node.name
-        self._held.callback(lambda: loops[name].close())
+        self._held.callback(lambda: loops[name].quit())
 
     def _begin(self, node: HostedNode) -> None:
         boards = self.loops.get("boards")
         loop = made(node, boards if isinstance(boards, HostedBoards) else None)
-        node.ready()
-        loop.wait()
+        loop.begin()
+        loop.tick()
         self.loops[node.name] = loop
-        self._turns[node.name] = node, loop.wait, loop.cycle
+        self._turns[node.name] = node, loop
 
     def restart(self, instance: str, *, killed: bool = False) -> None:
         """Make the loop of an instance again, as after a restart of its process; `killed`: without closing the old one.
@@ -122,7 +123,7 @@ class Host:
         if instance == "boards":
             raise HostError("boards do not restart in a host")
         if not killed:
-            self.loops[instance].close()
+            self.loops[instance].quit()
         node.give_back()
         self._memory, self._places = None, []
         self._begin(node)
@@ -152,20 +153,17 @@ class Host:
         if end_ns < clock.time_ns or not private.is_kept(self.name):
             raise HostError(f"{self.name} is closed" if not private.is_kept(self.name) else
                             f"the time of {self.name} is {clock.time_ns} ns, it does not go back to {end_ns} ns")
-        while (now := min([node.due_ns for node, _, _ in turns])) <= end_ns:
+        for node, _ in turns:
+            node.look_for_news()  # commands since the last run
+        while (now := min([node.due_ns for node, _ in turns])) <= end_ns:
             clock.time_ns = now
-            is_due = True
-            while is_due:
-                for node, wait, cycle in turns:
-                    if node.due_ns <= now:
-                        node.go_on()
-                        cycle(now, 0)
-                        wait()
-                is_due = False
-                for node, _, _ in turns:
-                    if node.news is not None and node.is_woken():
-                        is_due = True
-                        break
+            for node, loop in turns:
+                if node.due_ns <= now:
+                    node.go_on()
+                    loop.update()
+                    loop.tick()
+            for node, _ in turns:
+                node.look_for_news()
         clock.time_ns = end_ns
         self._pages.show()
 
@@ -244,12 +242,6 @@ class Host:
     def close(self) -> None:
         """Close the host with all its loops, handles and memory."""
         self._held.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 def _give_back(held: contextlib.ExitStack, pid: int) -> None:

@@ -12,11 +12,12 @@ from trocar.procs.focus.loop import FocusLoop
 from trocar.procs.fpga.port_name import PortName
 from trocar.procs.host.bus import DirectTransport
 from trocar.procs.host.node import HostedNode
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.bus_port import BusPort, PortOptions
 from trocar.procs.io.loop import IoLoop
 from trocar.procs.io.robots import Robots
 from trocar.procs.io.start import POWER_OFF
 from trocar.procs.node import runtime
+from trocar.procs.node.node import Node
 from trocar.procs.suj.loop import SetupLoop
 from trocar.procs.system.loop import SystemLoop
 from trocar.procs.system.sound import Sound
@@ -37,9 +38,9 @@ class HostedBoards(BoardsLoop):
 class HostedIo(IoLoop):
     """An io whose bus leads to the emulated boards in this process."""
 
-    def __init__(self, node: runtime.Node, boards: HostedBoards | None) -> None:
-        self._boards = boards
+    def __init__(self, node: Node, boards: HostedBoards | None) -> None:
         super().__init__(node)
+        self._boards = boards
 
     def _take_port(self, io: IoConfig, robots: Robots) -> BusPort:
         node, boards = self.node, self._boards
@@ -51,8 +52,9 @@ class HostedIo(IoLoop):
         if bus < 0:
             raise HostError(f"{io.name}: no emulated bus is at {parts.where}")
         transport = DirectTransport(boards.world, bus, parts.where, node.clock.now_ns)
-        return BusPort(transport, robots.board_ids, node.clock.now_ns, io.protocol, bridge=parts.bridge,
-                       real_time=False, first_control=POWER_OFF)
+        return BusPort(transport, robots.board_ids, node.clock.now_ns, PortOptions(
+            io.protocol, bridge=parts.bridge, real_time=False, first_control=POWER_OFF,
+            unknown_firmware=io.unknown_firmware))
 
 
 class HostedSystem(SystemLoop):

@@ -6,8 +6,8 @@ import socket
 from collections.abc import Callable
 
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.node.pacing import QUICKEST_NS
-from trocar.procs.node.runtime import Node
+from trocar.procs.node.node import Node
+from trocar.procs.node.pacing import AFTER_OTHERS_NS
 from trocar.shm.time.lockstep import EPOCH_NS
 
 
@@ -43,12 +43,6 @@ class HostedNode(Node):
         """Returns True if its next cycle is to be earlier."""
         self._end_ns = 0
 
-    def ready(self) -> None:
-        """Start the grid of its cycles, after its loop was made."""
-        self.begin()
-        self.now_ns = self.clock.time_ns
-        self.pacing.begin(self.now_ns, True)
-
     def tick(self, serve: Callable[[int], bool] | None = None, news: Callable[[], bool] | None = None,
              periods: int = 1) -> bool:
         """See Node.tick; sets `due_ns` and returns at once."""
@@ -56,12 +50,11 @@ class HostedNode(Node):
         self.news = news
         return True
 
-    def is_woken(self) -> bool:
-        """Whether it is due now because of news: at the earliest QUICKEST_NS after its last cycle."""
-        if self.news is None or not self.news():
-            return False
-        self.due_ns = min(self.due_ns, max(self.clock.time_ns, self.now_ns + QUICKEST_NS))
-        return self.due_ns <= self.clock.time_ns
+    def look_for_news(self) -> None:
+        """With news it is due earlier: after all cycles of now, at the earliest `quickest_ns` after its last one."""
+        if self.news is not None and self.news():
+            soonest = max(self.clock.time_ns, self.now_ns + self.pacing.quickest_ns)
+            self.due_ns = min(self.due_ns, soonest + AFTER_OTHERS_NS)
 
     def go_on(self) -> None:
         """Begin a cycle."""

@@ -47,9 +47,6 @@ OPAQUE: Final[Mapping[str, str]] = {
     "operator.itemgetter": "never changes",
     "pathlib.PosixPath": "never changes",
     "re.Pattern": "never changes",
-    "ruckig.InputParameter": "all that a plan reads of it is written before each plan (procs/kinematics/trajectory.py)",
-    "ruckig.Ruckig": "room to work in: a plan reads nothing of the one before",
-    "ruckig.Trajectory": "never changes once it is planned: each plan makes a new one",
     "weakref.ReferenceType": "never changes",
 }
 EMPTY: Final = object()

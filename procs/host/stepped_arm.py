@@ -12,9 +12,10 @@ from trocar.procs.io.assemble import IoContext
 from trocar.procs.io.kinematic import kinematic_io
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.setpoint_rings import RingSource
-from trocar.procs.node import runtime
+from trocar.procs.node.node import Node
 from trocar.procs.supervisor import memory
 from trocar.shm.mailbox.client import Client
+from trocar.shm.memory.parts import remove_all
 
 PERIOD_NS = 666_667
 
@@ -29,12 +30,13 @@ class SteppedArm:
         row = system.arms[0]
         self.arm_name = row.name
         memory.create_all(system)
-        self._io_process = runtime.Node(system, row.io)
-        self._arm_process = runtime.Node(system, row.name)
+        self._io_process = Node(system, row.io)
+        self._arm_process = Node(system, row.name)
         self._out, self._io_mailbox = self._io_process.writes("state"), self._io_process.mailbox()
         sources = [RingSource(self._io_process.reads(pid.arm, "setpoint")) for pid in system.io(row.io).pids]
         self._core = kinematic_io(IoContext(system.io(row.io), lambda: self.now_ns, IoRecord(self._out.field), sources))
         self.loop = ArmLoop(self._arm_process)
+        self.loop.setup()
         self._client = Client(self.name, row.name)
 
     @property
@@ -49,7 +51,7 @@ class SteppedArm:
         self._client.close()
         for process in (self._arm_process, self._io_process):
             process.close()
-        memory.remove_all(self.name)
+        remove_all(self.name)
 
     def send(self, name: str, values: Any = (), text: str = "") -> None:
         """Send a command for the arm's next cycle."""
@@ -69,5 +71,6 @@ class SteppedArm:
                 self._out.field(name)[...] += sway
         self._out.publish(self._core.stamp_ns)
         begin = time.thread_time_ns()
-        self.loop.cycle(self.now_ns, 0)
+        self._arm_process.now_ns = self.now_ns
+        self.loop.update()
         return time.thread_time_ns() - begin

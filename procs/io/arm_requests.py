@@ -16,8 +16,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.io.record import Flags, IoRecord
-from trocar.procs.io.robots import Robots
+from trocar.procs.io.record import Flags
+from trocar.procs.io.robots import IoData
 from trocar.procs.io.setpoint_tracker import SetpointTracker, TrackedRobot
 from trocar.procs.tables.desired_state import DESIRED_STATES, NONE, OFF, ON, SETTINGS, Order
 from trocar.shm.commands import COMMANDS
@@ -41,7 +41,7 @@ class DesiredCommand:
     """One desired state as a command of the arm, carried out by `IoCommands`."""
 
     pid = place = 0
-    holder = NAMELESS
+    holder, sent_by = NAMELESS, NAMELESS.program
     has_client = True
     sender = SenderId(0)
 
@@ -50,7 +50,7 @@ class DesiredCommand:
         self.command: CommandRow = ROWS[order[0]]
         self.name, self.values = order[0], np.array(order[1])
         self.text, self.id = robot, generation
-        self.origin, self.origin_id = origin, origin.id
+        self.origin = origin
         self._state, self._report = state, report
 
     def accept(self, text: str = "") -> None:
@@ -80,9 +80,10 @@ class DesiredCommand:
 class ArmRequests:
     """The desired states of all arms of one io."""
 
-    def __init__(self, robots: Robots, record: IoRecord, follow: SetpointTracker,
+    def __init__(self, data: IoData, follow: SetpointTracker,
                  report: Callable[[DesiredCommand, str, str], None] | None) -> None:
         """`report` receives each outcome once."""
+        robots, record = data.robots, data.record
         self._robots, self._record, self._follow = robots, record, follow
         self._report = report or (lambda asked, outcome, reason: None)
         self._flags: list[NDArray[Any]] = [getattr(record, desired.shown) for desired in DESIRED_STATES]

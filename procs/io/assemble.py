@@ -12,6 +12,7 @@ from trocar.procs.document.system import IoConfig
 from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
 from trocar.procs.io.axis_drive import AxisDrive
 from trocar.procs.io.bias import Bias
+from trocar.procs.io.brake_trial import BrakeTrials
 from trocar.procs.io.brakes import Brakes
 from trocar.procs.io.bus.port import Port
 from trocar.procs.io.buttons import Buttons
@@ -23,8 +24,7 @@ from trocar.procs.io.outputs import Outputs
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.power import Power
 from trocar.procs.io.record import Field, Flags, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.io.robots import IoData
 from trocar.procs.io.safety import Safety
 from trocar.procs.io.setpoint_rings import RingSource
 from trocar.procs.io.setpoint_tracker import SetpointTracker
@@ -56,70 +56,35 @@ class IoContext:
     """After which time on CLOCK_BOOTTIME that is so."""
 
 
-@dataclass(frozen=True, slots=True, weakref_slot=True)
-class Parts:
+class Parts(IoData):
     """The parts of every io."""
 
-    robots: Robots
-    record: IoRecord
-    reports: IoReports
-    pid: Pid
-    follow: SetpointTracker
-    gains: JointGains
-    desired: ArmRequests
-    faults: Sequence[OwnCell]
-    brakes: Brakes
-    power: Power
-    port: Port
-    samples: Samples
-    outputs: Outputs
-    watchdogs: Watchdogs
-    safety: Safety
-    bias: Bias
-    tasks: Tasks | None
-    digital_outputs: DigitalOutputs
-    instruments: InstrumentReaders
-    setup_brakes: SetupBrakes
-    cart: CartOutputs
-    buttons: Buttons
-    axis_drive: AxisDrive
+    def __init__(self, context: IoContext, port: Port, preset: Flags | None = None) -> None:
+        """For robots on the boards of `port`, which are discovered; their watchdog periods are written.
 
-
-def assemble(context: IoContext, port: Port, preset: Flags | None = None) -> Parts:
-    """The parts for robots on the boards of `port`, which are discovered; their watchdog periods are written.
-
-    `preset` (axes,) marks the encoders that are already set. ValueError if these are not the robots' boards.
-    """
-    io, record, reports = context.io, context.record, IoReports()
-    robots = Robots(io)
-    if robots.board_ids != tuple(port.board_ids):
-        raise ValueError(f"port has boards {port.board_ids}, the robots are on {robots.board_ids}")
-    record.restart()
-    record.encoder_set[...] = preset if preset is not None else False
-    samples, brakes, pid = Samples(robots, port, record), Brakes(robots, record), _pid(context, robots)
-    outputs = Outputs(robots, port, record, brakes)
-    watchdogs = Watchdogs(robots, port, reports, context.now_ns())
-    power = Power(robots, port, record, outputs, reports, samples, brakes, watchdogs)
-    gains = JointGains(robots, samples, pid, reports, context.gains)
-    safety = Safety(robots, samples, record, reports)
-    follow = SetpointTracker(io, robots, samples, pid, record, reports, context.sources)
-    bias = Bias(robots, port, samples, record, reports, follow.encoders_set)
-    tasks = Tasks(io, robots, samples, record, pid, reports, context.now_ns) if io.tasks else None
-    digital_outputs = DigitalOutputs(robots, port, record, reports)
-    return Parts(
-        robots, record, reports, pid, follow, gains, ArmRequests(robots, record, follow, context.report),
-        _cells(context), brakes, power, port, samples, outputs, watchdogs, safety, bias, tasks, digital_outputs,
-        InstrumentReaders(robots, port, reports, context.instruments),
-        SetupBrakes(robots, record, digital_outputs, reports), CartOutputs(robots, record, digital_outputs),
-        Buttons(robots, port, record, reports), AxisDrive(robots, samples, record, pid, brakes))
-
-
-def _pid(context: IoContext, robots: Robots) -> Pid:
-    record = context.record
-    return Pid(configured_gains(context.io, robots), robots.maximum_effort, context.io.period_s, arrays=(
-        record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
-        record.disturbance, record.effort_mode))
-
-
-def _cells(context: IoContext) -> Sequence[OwnCell]:
-    return context.cells or [NoFaults() for _ in context.io.robots]
+        `preset` (axes,) marks the encoders that are already set. ValueError if these are not the robots' boards.
+        """
+        super().__init__(context.io, port, context.record)
+        io, record, robots = context.io, context.record, self.robots
+        record.encoder_set[...] = preset if preset is not None else False
+        self.faults: Sequence[OwnCell] = context.cells or [NoFaults() for _ in io.robots]
+        self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
+            record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
+            record.disturbance, record.effort_mode))
+        self.brakes = Brakes(self)
+        self.outputs = Outputs(self, self.brakes)
+        self.watchdogs = Watchdogs(self, context.now_ns())
+        self.power = Power(self, self.outputs, self.brakes, self.watchdogs)
+        self.gains = JointGains(self, self.pid, context.gains)
+        self.safety = Safety(self)
+        self.follow = SetpointTracker(self, self.pid, context.sources)
+        self.desired = ArmRequests(self, self.follow, context.report)
+        self.bias = Bias(self, self.follow.encoders_set)
+        self.tasks = Tasks(self, self.pid, context.now_ns) if io.tasks else None
+        self.digital_outputs = DigitalOutputs(self)
+        self.instruments = InstrumentReaders(self, context.instruments)
+        self.setup_brakes = SetupBrakes(self, self.digital_outputs)
+        self.cart = CartOutputs(self, self.digital_outputs)
+        self.buttons = Buttons(self)
+        self.axis_drive = AxisDrive(self, self.pid, self.brakes)
+        self.brake_trials = BrakeTrials(self, self.brakes)

@@ -16,8 +16,8 @@ import numpy as np
 
 from trocar.procs.io.brakes import Brakes
 from trocar.procs.io.pid import Pid
-from trocar.procs.io.record import Floats, IoRecord
-from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.io.record import Floats
+from trocar.procs.io.robots import IoData
 from trocar.procs.node.requests import Request
 
 MAX_SHARE: Final = 0.5  # of the motor's largest current
@@ -28,15 +28,22 @@ TRAVEL_S: Final = 0.5  # the travel takes no less time than this
 FREE_S: Final = 1.0  # how long an axis has current after its brake has released
 
 
+@dataclass(frozen=True, slots=True)
+class AxisDriveOrder:
+    """A test as it was requested; `release`: release the brake once there is current."""
+
+    axis: int
+    current_a: float
+    rise_s: float
+    travel: float
+    release: bool
+
+
 @dataclass(slots=True)
 class AxisDriveRun:
     """One test; positions are those of all axes of the robot at its start."""
 
-    axis: int
-    current_a: float
-    rise_ns: int
-    travel: float
-    release: bool
+    order: AxisDriveOrder
     asker: Request
     begin_ns: int
     start: Floats
@@ -47,33 +54,30 @@ class AxisDriveRun:
 class AxisDrive:
     """Tests of all robots, one at a time on each."""
 
-    def __init__(self, robots: Robots, samples: Samples, record: IoRecord, pid: Pid, brakes: Brakes) -> None:
-        self._robots, self._samples, self._record, self._pid = robots, samples, record, pid
-        self._brakes = brakes
+    def __init__(self, data: IoData, pid: Pid, brakes: Brakes) -> None:
+        self._samples, self._record, self._pid, self._brakes = data.samples, data.record, pid, brakes
+        self._robots = robots = data.robots
         slides = np.array([a.joint_type == "PRISMATIC" for a in robots.actuators], dtype=bool)
         self._room = np.where(slides, ROOM_M, ROOM_RAD)
         self._most_travel = np.where(slides, MAX_TRAVEL_M, MAX_TRAVEL_RAD)
         self.running: dict[int, AxisDriveRun] = {}
 
-    def objection(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float) -> str:
+    def objection(self, robot: int, order: AxisDriveOrder) -> str:
         """Why the test cannot run, or ""."""
-        place, robots = self._robots.slices[robot].start + axis, self._robots
+        place, robots = self._robots.slices[robot].start + order.axis, self._robots
         most, furthest = MAX_SHARE * float(robots.maximum_current[place]), float(self._most_travel[place])
         if not (robots.has_encoder[place] and robots.effort_to_current[place] != 0.0 and most > 0.0):
-            return f"axis {axis} has no motor with an encoder"
-        for value, limit, what in ((abs(current_a), most, "A"), (rise_s, MAX_RISE_S, "s"),
-                                   (travel, furthest, "travel")):
+            return f"axis {order.axis} has no motor with an encoder"
+        for value, limit, what in ((abs(order.current_a), most, "A"), (order.rise_s, MAX_RISE_S, "s"),
+                                   (order.travel, furthest, "travel")):
             if not 0.0 < value <= limit:
                 return f"{what} {value:g}; allowed: above 0 up to {limit:g}"
         return "an axis is being driven" if robot in self.running else ""
 
-    def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
-              asker: Request, now_ns: int) -> None:
-        """Start; `release`: release the brake once there is current."""
+    def begin(self, robot: int, order: AxisDriveOrder, asker: Request, now_ns: int) -> None:
+        """Start."""
         start = self._samples.position[self._robots.slices[robot]].copy()
-        rise_ns = round(rise_s * 1e9)
-        self.running[robot] = AxisDriveRun(axis, current_a, rise_ns, travel, release, asker, now_ns, start,
-                                            now_ns + rise_ns)
+        self.running[robot] = AxisDriveRun(order, asker, now_ns, start, now_ns + round(order.rise_s * 1e9))
 
     def stop(self, robot: int, why: str) -> None:
         """End the test."""
@@ -89,7 +93,7 @@ class AxisDrive:
                 self._advance(robot, self.running[robot], now_ns)
 
     def _advance(self, robot: int, test: AxisDriveRun, now_ns: int) -> None:
-        record, axes = self._record, self._robots.slices[robot]
+        record, axes, order = self._record, self._robots.slices[robot], test.order
         if not (record.amps_on[robot] and record.power_requested[robot]) or record.pid_enabled[robot]:
             self.stop(robot, "power went off, or the joint controller on")
             return
@@ -97,32 +101,32 @@ class AxisDrive:
         others = np.abs(moved) > self._room[axes]
         if others.any():
             self._finish(robot, test, f"axis {int(np.argmax(others))} moved too far; ")
-        elif abs(moved[test.axis]) >= test.travel or (
-                now_ns >= test.end_ns and not self._let_go(robot, test, now_ns)):
+        elif (abs(moved[order.axis]) >= order.travel
+              or (now_ns >= test.end_ns and not self._let_go(robot, test, now_ns))):
             self._finish(robot, test)
         else:
-            share, place = min(1.0, (now_ns - test.begin_ns) / test.rise_ns), axes.start + test.axis
+            share, place = min(1.0, (now_ns - test.begin_ns) / round(order.rise_s * 1e9)), axes.start + order.axis
             # above a certain speed less current, none at twice that speed: a fast axis coasts without current
-            share *= min(1.0, max(0.0, 2.0 - abs(self._samples.velocity[place]) * TRAVEL_S / test.travel))
-            self._pid.effort_when_off[place] = share * test.current_a / self._robots.effort_to_current[place]
+            share *= min(1.0, max(0.0, 2.0 - abs(self._samples.velocity[place]) * TRAVEL_S / order.travel))
+            self._pid.effort_when_off[place] = share * order.current_a / self._robots.effort_to_current[place]
 
     def _let_go(self, robot: int, test: AxisDriveRun, now_ns: int) -> bool:
         """Release the brake; False if not requested, or already done."""
-        if not test.release or test.free:
+        if not test.order.release or test.free:
             return False
         test.free = True
-        test.end_ns = now_ns + round((self._brakes.release_one(robot, test.axis) + FREE_S) * 1e9)
+        test.end_ns = now_ns + round((self._brakes.release_one(robot, test.order.axis) + FREE_S) * 1e9)
         return True
 
     def _finish(self, robot: int, test: AxisDriveRun, what: str = "") -> None:
-        axes = self._robots.slices[robot]
-        moved = self._samples.position[axes][test.axis] - test.start[test.axis]
+        axis = test.order.axis
+        moved = self._samples.position[self._robots.slices[robot]][axis] - test.start[axis]
         del self.running[robot]
         self._end(robot, test)
-        test.asker.done(f"{what}axis {test.axis} moved by {moved:.5g}")
+        test.asker.done(f"{what}axis {axis} moved by {moved:.5g}")
 
     def _end(self, robot: int, test: AxisDriveRun) -> None:
-        place = self._robots.slices[robot].start + test.axis
+        place = self._robots.slices[robot].start + test.order.axis
         self._pid.effort_when_off[place] = self._pid.effort[place] = 0.0  # also in a cycle without a sample
         if test.free:
             self._brakes.engage(robot)

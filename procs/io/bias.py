@@ -17,12 +17,11 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.fpga import conversion
-from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.transport import PortError
-from trocar.procs.io.record import Flags, Floats, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.io.record import Flags, Floats
+from trocar.procs.io.robots import IoData
 from trocar.procs.tables import codes
+from trocar.procs.tables.generation import next_generation
 
 SETTLE_SAMPLES: Final = 2
 ATTEMPTS: Final = 3
@@ -50,11 +49,11 @@ class EncoderSetting:
 class Bias:
     """Biases of all robots; the record's `encoder_set` shows which encoders kept an earlier preload."""
 
-    def __init__(self, robots: Robots, port: Port, samples: Samples, record: IoRecord, reports: IoReports,
-                 encoders_set: Callable[[int, Flags], None]) -> None:
+    def __init__(self, data: IoData, encoders_set: Callable[[int, Flags], None]) -> None:
         """`encoders_set` is called with every sample in which encoders of a robot may start to read something else."""
-        self._robots, self._port, self._samples, self._record = robots, port, samples, record
-        self._reports, self._encoders_set = reports, encoders_set
+        robots, record = data.robots, data.record
+        self._robots, self._port, self._samples, self._record = robots, data.port, data.samples, record
+        self._reports, self._encoders_set = data.reports, encoders_set
         self.running: dict[int, EncoderSetting] = {}
         self._near = np.where([a.joint_type == "PRISMATIC" for a in robots.actuators], NEAR_M, NEAR_RAD)
         for robot in range(len(robots.names)):
@@ -191,7 +190,7 @@ class Bias:
         record = self._record
         record.encoder_set[self._robots.slices[robot]][job.which] = True
         record.biasing[robot] = False
-        record.bias_generation[robot] += 1
+        record.bias_generation[robot] = next_generation(int(record.bias_generation[robot]))
         if job.wanted or self._preset(robot):
             record.biased[robot] = True
         self._reports.status(job.text, self._robots.names[robot])

@@ -10,22 +10,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.io.record import Floats, IoRecord
-from trocar.procs.io.robots import Robots
+from trocar.procs.io.record import Floats
+from trocar.procs.io.robots import IoData
 
 
 class Brakes:
     """Requested currents of all brakes, in A: `current` (b,), limited like every current before they are sent."""
 
-    def __init__(self, robots: Robots, record: IoRecord) -> None:
+    def __init__(self, data: IoData) -> None:
         """All engaged."""
-        self._record = record
+        robots, self._record = data.robots, data.record
         self._of_robot = [places[places >= robots.axes] - robots.axes for places in robots.of_robot]
         rows = robots.brakes
         self._release = np.array([b.release_current for b in rows])
         self._released = np.array([b.released_current for b in rows])
         self._engaged = np.array([b.engaged_current for b in rows])
         self._time_s = np.array([b.release_s for b in rows])
+        self._most = np.array([b.maximum_current for b in rows])
         self._spent_s = np.zeros(len(rows))
         self._releasing = np.zeros(len(rows), dtype=bool)
         self.busy = False
@@ -55,6 +56,19 @@ class Brakes:
         self._let_go(rows)
         self._alone.add(robot)
         return float(self._time_s[rows[0]])
+
+    def give(self, robot: int, axis: int, current_a: float) -> str:
+        """Give only the brake of this actuator a current, until `engage`; returns the reason for a refusal, or ""."""
+        rows = self._of_robot[robot][axis : axis + 1]
+        if not len(rows):
+            return f"axis {axis} has no brake"
+        if self._releasing[self._of_robot[robot]].any():
+            return "its brakes are being released; brake_engage first"
+        if not abs(current_a) <= self._most[rows[0]]:
+            return f"{current_a:g} A; allowed: up to {self._most[rows[0]]:g}"
+        self.current[rows], self._releasing[rows] = current_a, False
+        self._alone.add(robot)
+        return ""
 
     def _let_go(self, rows: NDArray[np.intp]) -> None:
         self.current[rows], self._spent_s[rows], self._releasing[rows] = self._release[rows], 0.0, True

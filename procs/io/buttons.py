@@ -7,10 +7,8 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.fpga import blocks
-from trocar.procs.io.bus.port import Port
-from trocar.procs.io.record import IoRecord
-from trocar.procs.io.reports import IoEvent, IoReports
-from trocar.procs.io.robots import Robots
+from trocar.procs.io.reports import IoEvent
+from trocar.procs.io.robots import IoData
 from trocar.procs.node.debounce import NAMES, Debounce
 
 PAYLOADS: Final = (0.0, 1.0, 2.0)  # as in CRTK's button events: pressed, released, clicked
@@ -19,28 +17,23 @@ PAYLOADS: Final = (0.0, 1.0, 2.0)  # as in CRTK's button events: pressed, releas
 class Buttons:
     """The inputs of one io in the order of the document."""
 
-    def __init__(self, robots: Robots, port: Port, record: IoRecord, reports: IoReports) -> None:
-        """Reads the port's `blocks`; its boards are discovered."""
-        inputs = robots.io.digital_inputs
+    def __init__(self, data: IoData) -> None:
+        """Reads the port's `blocks`."""
+        robots, port, inputs = data.robots, data.port, data.robots.io.digital_inputs
         self._names = [i.name for i in inputs]
         self.count = len(inputs)
         self._flat = port.blocks.reshape(-1)
         self.index = np.array(
             [robots.row_of[i.board_id] * port.columns.count + blocks.DIGITAL_INPUT for i in inputs], dtype=np.intp)
         self.bit = np.array([1 << i.bit_id for i in inputs], dtype=np.uint32)
-        self._words, self._zero = np.zeros(len(inputs), np.uint32), np.zeros(len(inputs), np.uint32)
-        self._set = np.zeros(len(inputs), dtype=bool)
         self.debounce = Debounce(inputs)
-        self._record, self._reports = record, reports
+        self._record, self._reports = data.record, data.reports
 
     def watch(self) -> bool:
         """Take the bits of the newest sample; True: call `settle`."""
         if not self._names:
             return False
-        self._flat.take(self.index, out=self._words, mode="clip")
-        np.bitwise_and(self._words, self.bit, self._words)
-        np.not_equal(self._words, self._zero, self._set)
-        return self.debounce.watch(self._set)
+        return self.debounce.watch(self._flat.take(self.index) & self.bit != 0)
 
     def settle(self, dt_s: float) -> None:
         """Process changed bits, `dt_s` after the previous sample."""

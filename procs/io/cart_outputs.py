@@ -21,9 +21,8 @@ import numpy as np
 
 from trocar.procs.document.cart import LIFT_OUTPUTS, MULTIPLEXER_OUTPUTS, SETUP_BRAKE
 from trocar.procs.io.digital_outputs import DigitalOutputs
-from trocar.procs.io.record import Flags, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots
+from trocar.procs.io.record import Flags
+from trocar.procs.io.robots import IoData
 from trocar.procs.tables import codes
 
 NEUTRAL, GAIN = 0.5, 0.1  # duty cycle at rest, and its change for full speed
@@ -47,12 +46,12 @@ class Lift:
 class CartOutputs:
     """Outputs of all carts of one io."""
 
-    def __init__(self, robots: Robots, record: IoRecord, outputs: DigitalOutputs) -> None:
+    def __init__(self, data: IoData, outputs: DigitalOutputs) -> None:
         """All lifts rest, whatever the previous process left."""
-        self._record, self._outputs = record, outputs
+        self._record, self._outputs = data.record, outputs
         self._lifts: dict[int, Lift] = {}
         self._counters: dict[int, tuple[int, int]] = {}
-        for robot, name in enumerate(robots.names):
+        for robot, name in enumerate(data.robots.names):
             duty, disable = (outputs.place(output, "lift", name) for output in LIFT_OUTPUTS)
             first, following = (outputs.place(output, "multiplexer", name) for output in MULTIPLEXER_OUTPUTS)
             if duty is not None and disable is not None:
@@ -122,9 +121,10 @@ class SetupBrake:
 class SetupBrakes:
     """Setup brakes of all arms of one io."""
 
-    def __init__(self, robots: Robots, record: IoRecord, outputs: DigitalOutputs, reports: IoReports) -> None:
+    def __init__(self, data: IoData, outputs: DigitalOutputs) -> None:
         """All hold, whatever the previous process left."""
-        self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
+        self._record, self._reports, self._outputs = data.record, data.reports, outputs
+        self._robots = robots = data.robots
         buttons = [i.name for i in robots.io.digital_inputs]
         self._brakes: dict[int, SetupBrake] = {}
         for robot, name in enumerate(robots.names):
@@ -138,7 +138,7 @@ class SetupBrakes:
         """Release the brakes under an arm for a moment, or engage them; returns the reason for a refusal, or ""."""
         brake = self._brakes.get(robot)
         if brake is None:
-            return "there are no setup joints under it whose brakes io releases"
+            return "io controls no brakes of setup joints under it"
         brake.until_ns = now_ns + HOLD_NS if on else 0
         return "its amplifiers are not on" if on and not self._record.amps_on[robot] else ""
 

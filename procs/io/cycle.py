@@ -14,11 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.io.assemble import IoContext, assemble
+from trocar.procs.io.assemble import IoContext, Parts
 from trocar.procs.io.bus.port import Port
-from trocar.procs.io.commands import IoCommands
 from trocar.procs.io.fault_handler import FaultHandler
 from trocar.procs.io.halves import Halves
+from trocar.procs.io.io_commands import IoCommands
 from trocar.procs.io.record import Flags
 from trocar.procs.io.reports import also
 from trocar.procs.io.start import restore
@@ -47,9 +47,9 @@ class RobotIo:
 
     def __init__(self, context: IoContext, port: Port, preset: Flags | None = None, halves: type[Halves] = Halves
                  ) -> None:
-        """See `assemble`."""
+        """See `Parts`."""
         self.io, self._now_ns = context.io, context.now_ns
-        self.parts = parts = assemble(context, port, preset)
+        self.parts = parts = Parts(context, port, preset)
         self.robots, self.record, self.reports, self.port = parts.robots, parts.record, parts.reports, port
         self.samples, self.pid, self.follow, self.power = parts.samples, parts.pid, parts.follow, parts.power
         self._commands, self._fault_handler = IoCommands(parts), FaultHandler(parts)
@@ -67,19 +67,23 @@ class RobotIo:
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)
-        self._nobody, self._is_whole = self._away.tobytes(), False  # the record shows all robots as sampled
+        self._no_robots, self._is_whole = self._away.tobytes(), False  # the record shows all robots as sampled
         self._lacking: Flags = np.zeros(len(robots.names), dtype=bool)  # robots with a board that is away
         self._whole_ns = self._good_ns
         """When every board was last sampled."""
         self._sampled_ns: NDArray[np.int64] = np.full(len(robots.names), self._good_ns, dtype=np.int64)
         """When all boards of each robot were last sampled."""
         self._cycles = 0
+        self._shown = [cell.reshape(1).data for cell in (record.cycle, record.read_ns, record.recv_ns, record.write_ns,
+                                                         record.age_ns)]
         self._timing = Timing(io.name, io.period_s, record, self.reports, self._good_ns)
         self._strays, self._stranger, self._stranger_ns = 0, "", -STRANGER_REPEAT_NS
         self._bad_by_board = port.counters.board_bad_reads.copy()
         record.calibration_mode[...] = io.calibration_mode
         if io.calibration_mode:
             self.reports.warn(codes.CALIBRATION_MODE, io.name)
+        if port.assumed:
+            self.reports.warn(codes.FIRMWARE_UNKNOWN, io.name, boards=port.assumed)
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
         """One cycle; the caller publishes the record afterwards, and has numpy ignore NaN and infinite values.
@@ -101,32 +105,36 @@ class RobotIo:
             self._before_ns, self._good_ns = self._good_ns, now_ns
             self._gap_ns += (min(now_ns - self._before_ns, self._oldest_ns) - self._gap_ns) / GAPS
         is_done = bool(bits & CONTROLLED)  # the native library went on with the other half
-        if not is_done and (bits or now_ns >= wake_ns or self.port.away.tobytes() != self._nobody):
+        if not is_done and (bits or now_ns >= wake_ns or self.port.away.tobytes() != self._no_robots):
             self._decide(bits, commands, now_ns)
         else:
             self._whole_ns = now_ns
-        # new efforts will stay about as long as the previous ones: the longer, the smaller the share
-        share = min(1.0, self._stable_ns / self._gap_ns)
-        if not good:
-            share *= share_of(now_ns - self._good_ns)
         if not bits & SENT:
+            # new efforts will stay about as long as the previous ones: the longer, the smaller the share
+            share = min(1.0, self._stable_ns / self._gap_ns)
+            if not good:
+                share *= share_of(now_ns - self._good_ns)
             bits |= self.halves.control_and_send(share, good and not is_done)
         if bits & NOT_FINITE:
             self._not_finite(now_ns)
-        self.parts.setup_brakes.step(now_ns)
-        self.parts.cart.step(now_ns)
+        parts, has_outputs = self.parts, self.parts.digital_outputs.count
+        if has_outputs:
+            parts.setup_brakes.step(now_ns)
+            parts.cart.step(now_ns)
         self._show(good, read_ns, now_ns)
-        self.parts.digital_outputs.step()
-        if self.parts.instruments.running:
-            self.parts.instruments.step(good, now_ns)
+        if has_outputs:
+            parts.digital_outputs.step()
+        if parts.instruments.running:
+            parts.instruments.step(good, now_ns)
 
     def _is_busy(self) -> bool:
         """Whether something besides the sample can have an effect in this cycle."""
         parts, power, safety = self.parts, self.power, self.parts.safety
-        return bool(not self._is_whole or self.port.away.tobytes() != self._nobody or self.reports.trips
+        return bool(not self._is_whole or self.port.away.tobytes() != self._no_robots or self.reports.trips
                     or parts.tasks or parts.desired.has_news or parts.outputs.has_one_shot or self._commands.waits
                     or power.changed or safety.counting or safety.set_encoder_zero or parts.brakes.busy
-                    or parts.bias.running or parts.axis_drive.running or parts.watchdogs.busy)
+                    or parts.bias.running or parts.axis_drive.running or parts.brake_trials.running
+                    or parts.watchdogs.busy)
 
     def _decide(self, bits: int, commands: Iterable[Request], now_ns: int) -> None:
         """What to do about the sample and the commands, before the joint controllers."""
@@ -149,6 +157,7 @@ class RobotIo:
         if self.reports.trips:
             self._fault_handler.act(now_ns)
         self.parts.axis_drive.step(now_ns)
+        self.parts.brake_trials.step(now_ns)
 
     def _look(self, bits: int, now_ns: int) -> None:
         """Examine the news of a good sample."""
@@ -180,7 +189,7 @@ class RobotIo:
     def _show_validity(self, good: bool, now_ns: int) -> None:
         """Show the robots sampled in this cycle; report and switch off those with a board that is away."""
         record, away = self.record, self.port.away
-        if good and away.tobytes() == self._nobody == self._away.tobytes():
+        if good and away.tobytes() == self._no_robots == self._away.tobytes():
             if not self._is_whole:
                 self._is_whole = True
                 record.valid[...] = record.robot_valid[...] = True
@@ -229,7 +238,7 @@ class RobotIo:
 
     def _missed(self, now_ns: int) -> None:
         """A bad read: tolerated for the watchdog time; no robot gets power until the next good one."""
-        self.record.bad_reads += np.uint64(1)
+        self.record.bad_reads[...] += np.uint64(1)
         age_ns, limit_s, blamed = now_ns - self._good_ns, self._oldest_ns * 1e-9, self._blamed()
         if not self._lost and now_ns - self._missed_ns >= MISSED_REPEAT_NS:
             self._missed_ns = now_ns
@@ -285,12 +294,10 @@ class RobotIo:
         if good and (self.halves.show() or self.parts.buttons.debounce.is_first):
             self.parts.buttons.settle((now_ns - self._before_ns) * 1e-9)
         self._cycles += 1
-        record.cycle[...] = self._cycles
-        record.read_ns[...] = read_ns
-        record.recv_ns[...] = self.port.recv_ns
-        record.write_ns[...] = self.port.send_ns
         end_ns = self._now_ns()
-        record.age_ns[...] = end_ns - self._whole_ns
+        cycle, read, received, written, age = self._shown
+        cycle[0], read[0], received[0] = self._cycles, read_ns, self.port.recv_ns
+        written[0], age[0] = self.port.send_ns, end_ns - self._whole_ns
         if self._is_whole:
             record.sample_age_ns[...] = end_ns - now_ns
         else:

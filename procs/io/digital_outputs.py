@@ -12,15 +12,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.system import DigitalOutput
 from trocar.procs.fpga import blocks, registers
-from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.transport import PortError
-from trocar.procs.io.record import Flags, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots
+from trocar.procs.io.record import Flags
+from trocar.procs.io.robots import IoData
 
 MAX_COUNTS: Final = 0xFFFF
 TURN_TICKS: Final = 2  # an output switches this many ticks after its count ends
@@ -42,11 +39,12 @@ class Kept:
 class DigitalOutputs:
     """The outputs of one io in the order of the document."""
 
-    def __init__(self, robots: Robots, port: Port, record: IoRecord, reports: IoReports) -> None:
-        """Sets up the one-shots; the boards of `port` are discovered."""
-        self._robots = robots
-        self._outputs, self._port, self._record = robots.io.digital_outputs, port, record
-        self._reports, self._kept = reports, dict[int, Kept]()
+    def __init__(self, data: IoData) -> None:
+        """Sets up the one-shots."""
+        robots, port = data.robots, data.port
+        self._robots, self._port = robots, port
+        self._outputs, self._record, self._reports = robots.io.digital_outputs, data.record, data.reports
+        self._kept = dict[int, Kept]()
         row = robots.row_of
         self._flat = port.blocks.reshape(-1)
         self.index = np.array([row[o.board_id] * port.columns.count + blocks.DIGITAL_INPUT for o in self._outputs],
@@ -54,7 +52,6 @@ class DigitalOutputs:
         self.bit = np.array([_shown(o.bit_id) for o in self._outputs], dtype=np.uint32)
         self.unseen: Flags = np.array([port.hardware[row[o.board_id]] == "dRA1" for o in self._outputs], dtype=bool)
         self.written: Flags = np.zeros(len(self._outputs), dtype=bool)
-        self._words: NDArray[np.uint32] = np.zeros(len(self._outputs), dtype=np.uint32)
         self.names, self.count = tuple(o.name for o in self._outputs), len(self._outputs)
         for place in range(self.count):
             self._set_up(place)
@@ -161,9 +158,7 @@ class DigitalOutputs:
     def show(self) -> None:
         """Show the levels of the newest sample."""
         if self.names:
-            self._flat.take(self.index, out=self._words, mode="clip")
-            np.bitwise_and(self._words, self.bit, self._words)
-            np.equal(self._words, 0, self._record.output)
+            np.equal(self._flat.take(self.index) & self.bit, 0, self._record.output)
             np.copyto(self._record.output, self.written, where=self.unseen)
 
     def _configure(self, output: DigitalOutput, high: int, low: int) -> None:

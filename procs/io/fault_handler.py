@@ -3,16 +3,11 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from trocar.procs.io.assemble import Parts
 from trocar.procs.io.reports import IoEvent, IoFaultReport
 from trocar.procs.node import fault_report as faults
 from trocar.procs.tables import codes
 from trocar.shm.system.events import SEVERITIES
-
-POWERING: Final = (codes.POWER_TIMEOUT, codes.AMPLIFIER)
-"""Before a robot has reached power, these void no commands: the sender of power-on may try once more."""
 
 
 class FaultHandler:
@@ -39,8 +34,7 @@ class FaultHandler:
                 continue
             if not record.fault[robot]:
                 record.fault[robot] = fault.number
-            if parts.power.reached[robot] or fault not in POWERING:
-                parts.faults[robot].fault()
+            parts.faults[robot].fault()
             parts.desired.void(robot)
             parts.follow.enable(robot, False, now_ns)
             parts.brakes.engage(robot)  # the axes the joint controller no longer holds

@@ -9,8 +9,7 @@ from trocar.procs.document.gains import GAINS, changed, leap, value_of
 from trocar.procs.document.system import IoConfig, PidAxis
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.record import Field, private
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.io.robots import IoData, Robots
 from trocar.shm.topics import IO_GAINS
 
 ALL: Final = -1  # in place of an axis
@@ -19,16 +18,15 @@ ALL: Final = -1  # in place of an axis
 class JointGains:
     """The gains of all axes; `record` is their published form."""
 
-    def __init__(self, robots: Robots, samples: Samples, pid: Pid, reports: IoReports, field: Field | None = None
-                 ) -> None:
+    def __init__(self, data: IoData, pid: Pid, field: Field | None) -> None:
         """Shows the gains of the files. `field` gives the arrays of the record by name; None: not published."""
-        self._robots, self._samples, self._pid, self._reports = robots, samples, pid, reports
+        self._robots, self._samples, self._reports, self._pid = data.robots, data.samples, data.reports, pid
         self._known = list(pid.gains)
         """Gains at the controllers' last switch-on, at first the files', and gains confirmed since."""
-        field = field or private(IO_GAINS, {"axes": robots.axes})
+        field = field or private(IO_GAINS, {"axes": data.robots.axes})
         self.record = {row.name: field(row.name) for row in IO_GAINS.fields}
         self.record["changes"][...] = 0
-        self._show(range(robots.axes))
+        self._show(range(data.robots.axes))
 
     def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
         """Change `keys` of one axis, or of `ALL` of a robot, from this cycle on; all or nothing.

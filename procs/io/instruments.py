@@ -17,11 +17,10 @@ from typing import Final
 
 from trocar.procs.fpga import instrument, registers
 from trocar.procs.fpga.instrument import Instrument, instrument_of
-from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.record import Field, private
-from trocar.procs.io.reports import IoEvent, IoReports
-from trocar.procs.io.robots import Robots
+from trocar.procs.io.reports import IoEvent
+from trocar.procs.io.robots import IoData
 from trocar.procs.node.requests import Request
 from trocar.shm.topics import IO_INSTRUMENTS
 
@@ -51,19 +50,18 @@ class MemoryReading:
 class InstrumentReaders:
     """The readers of one io in the order of the document; `record` is their published form."""
 
-    def __init__(self, robots: Robots, port: Port, reports: IoReports, field: Field | None = None) -> None:
+    def __init__(self, data: IoData, field: Field | None) -> None:
         """Nothing is read yet. `field` gives the arrays of the record by name; None: not published."""
-        readers = robots.io.instrument_readers
+        readers, self._port, self._reports = data.robots.io.instrument_readers, data.port, data.reports
         self.names = tuple(reader.name for reader in readers)
         self._boards = [reader.board_id for reader in readers]
-        self._port, self._reports = port, reports
         field = field or private(IO_INSTRUMENTS, {"readers": len(readers)})
         self.record = {row.name: field(row.name) for row in IO_INSTRUMENTS.fields}
         for array in self.record.values():
             array[...] = array.dtype.type()
         self.record["reader"][...] = [name.encode() for name in self.names]
         self.running: dict[int, MemoryReading] = {}
-        reports.changed.add(IO_INSTRUMENTS.name)
+        self._reports.changed.add(IO_INSTRUMENTS.name)
 
     def begin(self, reader: int, asker: Request, now_ns: int) -> str:
         """Read an instrument; several requests share a reading. Returns the reason for a refusal, or ""."""

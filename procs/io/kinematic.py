@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.assemble import IoContext, Parts
@@ -26,7 +27,7 @@ from trocar.procs.io.halves import Halves, track
 from trocar.procs.io.record import Flags, Floats
 from trocar.procs.io.robots import Robots
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.io_fields import IO, STATUS
+from trocar.procs.native.io_fields import IO, KINEMATIC, STATUS
 from trocar.procs.native.library import bind
 
 MOVING_NS: Final = 20_000_000  # without a newer setpoint for this long, nothing moves
@@ -52,32 +53,50 @@ def kinematic_io(context: IoContext) -> RobotIo:
 class KinematicHalves(Halves):
     """Both halves without encoding and decoding: samples and commands are passed as values."""
 
+    MOVING_NS = MOVING_NS
+
     def __init__(self, parts: Parts, context: IoContext, uses: tuple[int, float, float]) -> None:
         """See `Halves`."""
         super().__init__(parts, context, uses, native=False)
         self.track, self.why_numpy = track(parts)
+        self.robots, self.record, self.tracker = parts.robots, parts.record, parts.follow
+        self.samples, self.pid, self.outputs = parts.samples, parts.pid, parts.outputs
+        self.commanded = np.zeros(self.robots.board_count, np.uint32)
+        self.stamps_ns: NDArray[np.int64] = np.zeros(self.robots.count, dtype=np.int64)
+        self.moves: Flags = np.zeros(self.robots.count, dtype=bool)
+        self.step: Floats = np.zeros(self.robots.axes)
+        self._driven: Flags = np.zeros(self.robots.axes, dtype=bool)
+        self._status = parts.port.blocks[:, blocks.STATUS]
+        self._has_obeyed = False
         self.bound = bind(IO, parts)
         self._control: Callable[[float, int], object] = (
             self.bound.function("control_and_encode") if isinstance(self.bound, BoundStruct) else self._by_numpy)
-        self._robots, self._record, self._follow = parts.robots, parts.record, parts.follow
-        self._status = parts.port.blocks[:, blocks.STATUS]
-        self._commanded = b""
-        self._has_obeyed = False
-        places = {follower.robot: follower.place for follower in self._follow.followers}
-        self._followed = [(place, robot, self._robots.slices[robot]) for robot, place in sorted(places.items())]
-        self._stamps_ns, self._moves = [0] * self._robots.count, [False] * self._robots.count
-        self._step: Floats = np.zeros(self._robots.axes)
-        self._driven: Flags = np.zeros(self._robots.axes, dtype=bool)
-        record = parts.record
+        bound = bind(KINEMATIC, self) if isinstance(self.bound, BoundStruct) else ""
+        self._follow: Callable[[int, int, int], int] | None = None
+        """Both halves in a native call; None: there is none."""
+        if isinstance(bound, BoundStruct):
+            self.move, self._follow = (  # type: ignore[method-assign]
+                bound.function(name) for name in KINEMATIC.functions)
+        record = self.record
         record.simulated[...] = True
         for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,
                       record.pot_voltage, record.current, record.current_request, record.temperature,
                       record.board_period):
             field[...] = np.nan
 
+    def receive_and_check(self, good_ns: int, wake_ns: int, gap_ns: float) -> int:
+        if self._follow is None or self._has_obeyed:
+            return super().receive_and_check(good_ns, wake_ns, gap_ns)
+        port = self._port
+        port.read_all()
+        bits = self._follow(port.recv_ns, wake_ns, self._over_ns())
+        if bits:
+            port.write_all()
+        return bits
+
     def decode_and_check(self) -> int:
         """The bits of `receive_and_check`: positions are never too far from their setpoints, nor values too large."""
-        self._move(self._port.recv_ns)
+        self.move(self._port.recv_ns)
         if not self._has_obeyed:
             return 0
         self._has_obeyed = False
@@ -86,48 +105,49 @@ class KinematicHalves(Halves):
     def control_and_encode(self, share: float, has_sample: int) -> int:
         """Joint controllers, and the commands for power; efforts are in the record, and no motor takes them."""
         self._control(share, has_sample)
-        self._record.current_request.fill(np.nan)
-        if self._outputs.has_one_shot or self._outputs.control.tobytes() != self._commanded:
+        self.record.current_request.fill(np.nan)
+        if self.outputs.has_one_shot or self.outputs.control.tobytes() != self.commanded.tobytes():
             self._obey()
         return 0
 
     def _by_numpy(self, share: float, has_sample: int) -> None:
-        self._pid.control(self._samples.position, self._samples.velocity)
+        self.pid.control(self.samples.position, self.samples.velocity)
 
     def show(self) -> int:
         """Fill the rest of the record; there are no inputs."""
-        self._record.position[...] = self._samples.position
+        self.record.position[...] = self.samples.position
         return 0
 
-    def _move(self, now_ns: int) -> None:
+    def move(self, now_ns: int) -> int:
         """Put actuators that follow positions at their setpoints."""
-        position, velocity, pid, step = self._samples.position, self._samples.velocity, self._pid, self._step
+        position, velocity, pid, step = self.samples.position, self.samples.velocity, self.pid, self.step
         np.greater(pid.enabled, pid.effort_mode, out=self._driven)
         step.fill(0.0)
         np.subtract(pid.setpoint_position, position, out=step, where=self._driven)
         np.copyto(position, pid.setpoint_position, where=self._driven)
-        enabled, anything = self._record.pid_enabled.tolist(), step.any()
-        stamps = self._follow.taken_ns.tolist()
-        for place, robot, axes in self._followed:
-            stamp_ns = stamps[place]
-            since_ns = stamp_ns - self._stamps_ns[robot]
-            self._stamps_ns[robot] = stamp_ns
-            if anything and since_ns > 0 and enabled[robot] and now_ns - stamp_ns <= MOVING_NS:
+        anything = step.any()
+        for follower in self.tracker.followers:
+            robot, axes, stamp_ns = follower.robot, follower.axes, int(self.tracker.taken_ns[follower.place])
+            since_ns = stamp_ns - int(self.stamps_ns[robot])
+            is_moved = self.record.pid_enabled[robot] and now_ns - stamp_ns <= MOVING_NS
+            self.stamps_ns[robot] = stamp_ns
+            if anything and since_ns > 0 and is_moved:
                 np.multiply(step[axes], 1e9 / since_ns, velocity[axes])
-                self._moves[robot] = True
-            elif self._moves[robot] and (since_ns > 0 or not enabled[robot] or now_ns - stamp_ns > MOVING_NS):
+                self.moves[robot] = True
+            elif self.moves[robot] and (since_ns > 0 or not is_moved):
                 velocity[axes] = 0.0
-                self._moves[robot] = False
+                self.moves[robot] = False
+        return 0
 
     def _obey(self) -> None:
         """Power, relays and amplifiers as commanded; joints are at 0 when they get power."""
-        robots, status, samples, control = self._robots, self._status, self._samples, self._outputs.control
-        self._commanded, self._has_obeyed = control.tobytes(), True
+        robots, status, samples, control = self.robots, self._status, self.samples, self.outputs.control
+        self.commanded[...], self._has_obeyed = control, True
         had_power = status & registers.STATUS_POWER != 0
         for mask, on, shown in SWITCHED:
             status[control & mask != 0] &= ~np.uint32(shown)
             status[control & on == on] |= np.uint32(shown)
         has_power = status & registers.STATUS_POWER != 0
         samples.position[(has_power & ~had_power)[robots.board_row[: robots.axes]]] = 0.0
-        np.logical_and(self._record.amp_enabled, has_power[robots.board_row], self._record.amp_on)
-        samples.amp_on[...] = self._record.amp_on
+        np.logical_and(self.record.amp_enabled, has_power[robots.board_row], self.record.amp_on)
+        samples.amp_on[...] = self.record.amp_on

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from trocar.procs.fpga import conversion, registers
 from trocar.procs.io.brakes import Brakes
-from trocar.procs.io.bus.port import Port
-from trocar.procs.io.record import Flags, IoRecord
-from trocar.procs.io.robots import Robots
+from trocar.procs.io.record import Flags
+from trocar.procs.io.robots import IoData
 
 ENABLE = registers.DAC_VALID | registers.DAC_AMP_MASK | registers.DAC_AMP_ENABLE
 DISABLE = registers.DAC_VALID | registers.DAC_AMP_MASK
@@ -24,7 +23,8 @@ PLAIN = registers.DAC_VALID
 class Outputs:
     """Fills `port.out` from efforts (n,) and the brakes' currents (b,)."""
 
-    def __init__(self, robots: Robots, port: Port, record: IoRecord, brakes: Brakes) -> None:
+    def __init__(self, data: IoData, brakes: Brakes) -> None:
+        robots, port, record = data.robots, data.port, data.record
         n = robots.drives
         self._robots, self._record, self.brakes = robots, record, brakes.current
         self._of_actuators = record.current_request[: robots.axes]

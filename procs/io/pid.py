@@ -52,8 +52,7 @@ class Pid:
         self.gains = [a or PidAxis("", "UNDEFINED", 0.0, 0.0, 0.0) for a in axes]
         self._dt_s = dt_s
         self.controlled: Flags = np.array([a is not None for a in axes], dtype=bool)
-        memory = arrays or (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
-                            np.zeros(n, dtype=bool))
+        memory = arrays or (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool))
         self.setpoint_position: Floats = memory[0]
         self.setpoint_velocity: Floats = memory[1]
         self.effort: Floats = memory[2]

@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.brakes import Brakes
-from trocar.procs.io.bus.port import Port
 from trocar.procs.io.outputs import Outputs
-from trocar.procs.io.record import Flags, Floats, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.io.record import Flags, Floats
+from trocar.procs.io.robots import IoData
 from trocar.procs.io.watchdogs import Watchdogs
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.tables import codes
@@ -58,12 +56,11 @@ class Supply:
 class Power:
     """Power state machines of all robots; they run only after a status change or a timeout."""
 
-    def __init__(self, robots: Robots, port: Port, record: IoRecord, outputs: Outputs, reports: IoReports,
-                 samples: Samples, brakes: Brakes, watchdogs: Watchdogs) -> None:
-        """Reads the status words in the port's `blocks`; its boards are discovered."""
-        self._brakes, self._watchdogs = brakes, watchdogs
-        self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
-        self._samples = samples
+    def __init__(self, data: IoData, outputs: Outputs, brakes: Brakes, watchdogs: Watchdogs) -> None:
+        """Reads the status words in the port's `blocks`."""
+        self._outputs, self._brakes, self._watchdogs = outputs, brakes, watchdogs
+        self._record, self._reports, self._samples = data.record, data.reports, data.samples
+        self._robots, robots, port = data.robots, data.robots, data.port
         self._status = port.blocks[:, blocks.STATUS]
         self.status_column = blocks.STATUS
         n_boards, hardware = len(robots.board_ids), np.array(port.hardware)

@@ -19,6 +19,7 @@ from trocar.procs.fpga.blocks import Columns
 from trocar.procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
 from trocar.procs.io.bus.port import Port
 from trocar.procs.io.record import Flags, Floats, IoRecord
+from trocar.procs.io.reports import IoReports
 from trocar.procs.node.fault_report import axis_titles
 
 Places: TypeAlias = NDArray[np.intp]
@@ -69,8 +70,7 @@ class Robots:
     def _place_drives(self) -> None:
         """Assign drives to robots."""
         rows = self.io.robots
-        ends = np.cumsum([len(robot.actuators) for robot in rows]).tolist()
-        self.slices = [slice(end - len(robot.actuators), end) for end, robot in zip(ends, rows, strict=True)]
+        self.slices = [place.axes for place in self.io.places]
         of_axis = [r for r, robot in enumerate(rows) for _ in robot.actuators]
         of_brake = [r for r, robot in enumerate(rows) for _ in robot.brakes]
         self.robot_of_drive: Places = np.array([*of_axis, *of_brake], dtype=np.intp)
@@ -274,6 +274,19 @@ class Samples:
                 record.software_velocity[...] = np.nan
         if wanted & ACCELERATION:
             np.multiply(self.firmware.accelerations(record.acceleration), scale, record.acceleration)
+
+
+class IoData:
+    """What the parts of an io share: constants of its robots, its boards, their newest sample, record and reports."""
+
+    def __init__(self, io: IoConfig, port: Port, record: IoRecord) -> None:
+        """For robots on the boards of `port`, which are discovered. ValueError if these are not the robots' boards."""
+        self.robots = robots = Robots(io)
+        if robots.board_ids != tuple(port.board_ids):
+            raise ValueError(f"port has boards {port.board_ids}, the robots are on {robots.board_ids}")
+        record.restart()
+        self.port, self.record, self.reports = port, record, IoReports()
+        self.samples = Samples(robots, port, record)
 
 
 def _where(robots: Robots, columns: Columns,

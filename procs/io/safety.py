@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.fpga import conversion
-from trocar.procs.io.record import Flags, Floats, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
+from trocar.procs.io.record import Flags, Floats
+from trocar.procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, IoData
 from trocar.procs.tables import codes
 
 CURRENT_ERROR: Final = CHECKED  # the row after those of the samples, if configured
@@ -31,9 +30,10 @@ class Safety:
     """Limits as one (5 or 6, drives) array that matches the measured rows; amplifiers, power and switches change them.
     """
 
-    def __init__(self, robots: Robots, samples: Samples, record: IoRecord, reports: IoReports) -> None:
+    def __init__(self, data: IoData) -> None:
+        robots, samples = data.robots, data.samples
+        self._robots, self._samples, self._record, self._reports = robots, samples, data.record, data.reports
         n, drives = robots.axes, robots.drives
-        self._robots, self._samples, self._record, self._reports = robots, samples, record, reports
         self._values = samples.values[:CHECKED]
         self._error_a, self._error_s = robots.io.current_error_a, robots.io.current_error_s
         self._compares = self._error_a > 0.0

@@ -18,13 +18,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.document.system import IoConfig
 from trocar.procs.io.pid import Pid
-from trocar.procs.io.record import Flags, Floats, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.io.record import Flags, Floats
+from trocar.procs.io.robots import IoData
 from trocar.procs.io.setpoint_rings import RingSource, rings_of
 from trocar.procs.tables import codes
+from trocar.procs.tables.generation import next_generation
 
 DRIVE: Final = 1  # mode of a setpoint that commands motion or effort
 
@@ -46,12 +45,12 @@ class TrackedRobot:
 class SetpointTracker:
     """Feeds the joint controller from the arms' rings."""
 
-    def __init__(self, io: IoConfig, robots: Robots, samples: Samples, pid: Pid, record: IoRecord, reports: IoReports,
-                 sources: Sequence[RingSource]) -> None:
+    def __init__(self, data: IoData, pid: Pid, sources: Sequence[RingSource]) -> None:
         """`sources` in the order of `io.pids`."""
+        robots, io = data.robots, data.robots.io
+        self._robots, self._pid, self._io = robots, pid, io
+        self._samples, self._record, self._reports = data.samples, data.record, data.reports
         n = robots.axes
-        self._io, self._robots, self._samples, self._pid = io, robots, samples, pid
-        self._record, self._reports = record, reports
         self.timeout_ns = round(io.setpoint_timeout_s * 1e9)
         self._lost_ns = round(io.arm_lost_s * 1e9)
         self._off_ns = round(io.arm_lost_power_off_s * 1e9)
@@ -114,7 +113,7 @@ class SetpointTracker:
         record.pid_enabled[robot] = on
         record.holding[robot] = False
         if on:
-            record.pid_generation[robot] += 1
+            record.pid_generation[robot] = next_generation(int(record.pid_generation[robot]))
 
     def enforce_limits(self, robot: int, on: bool) -> str:
         """Clip setpoints from now on; a held position does not move. Returns the reason for a refusal, or ""."""

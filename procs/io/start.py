@@ -38,7 +38,7 @@ def prepare(robots: Robots, port: BusPort) -> Flags:
     port.open()
     check(robots, port.discover())
     port.write_quadlet(ALL_BOARDS, registers.STATUS, POWER_OFF)
-    for robot in range(len(robots.names)):
+    for robot in range(0 if port.read_only else len(robots.names)):
         _prepare_si(robots, port, robot)
     return _preset(robots, port)
 
@@ -67,15 +67,8 @@ def _is_set(preload: int) -> bool:
 
 
 def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
-    """Check that the boards match the IO files."""
+    """Check that the boards that discovery has found, of known firmware, match the IO files."""
     found = {info.board: info for info in boards}
-    for board in robots.board_ids:
-        if board not in found:
-            raise PortError(f"board {board} does not answer", f"port {robots.io.port}",
-                            f"there are: {', '.join(str(b) for b in sorted(found)) or 'none'}")
-        if found[board].firmware not in blocks.LAYOUTS:
-            raise PortError(f"board {board} has firmware Rev {found[board].firmware}", f"port {robots.io.port}",
-                            f"allowed: {blocks.REVISIONS}")
     for robot in robots.io.robots:
         for board in sorted({a.board_id for a in robot.actuators}):
             if robot.hardware not in (found[board].hardware, "HARDWARE_UNDEFINED"):
@@ -98,8 +91,8 @@ def _prepare_si(robots: Robots, port: BusPort, robot: int) -> None:
         board = robots.board_ids[row]
         expected, found = registers.arm_memory(keys.name, keys.serial), arm_serial(port, board)
         if found != expected:
-            raise PortError(f"the arm on board {board} is {found or 'unknown to itself'}", keys.source or keys.name,
-                            f"robot {keys.name} with serial number {keys.serial} is {expected}")
+            raise PortError(f"the arm on board {board} identifies as {found or 'nothing'}", keys.source or keys.name,
+                            f"robot {keys.name} with serial number {keys.serial} should be {expected}")
         if not port.read_quadlet(board, registers.STATUS) & registers.STATUS_PRELOADED:
             for axis in range(axes.start, axes.stop):
                 if robots.board_row[axis] == row and robots.has_encoder[axis]:

@@ -26,8 +26,7 @@ from trocar.procs.document import system as document
 from trocar.procs.document.tasks import Sample, Task, TaskMaker, TaskRobot
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.record import Flags, Floats, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.io.robots import IoData, Robots, Samples
 from trocar.procs.node.setup_error import SetupError
 from trocar.procs.tables import codes
 from trocar.procs.tables.codes import Code
@@ -68,10 +67,9 @@ class Attached:
 class Tasks:
     """All tasks of an io; not created if no task is configured."""
 
-    def __init__(self, io: document.IoConfig, robots: Robots, samples: Samples, record: IoRecord, pid: Pid,
-                 reports: IoReports,
-                 now_ns: Callable[[], int]) -> None:
+    def __init__(self, data: IoData, pid: Pid, now_ns: Callable[[], int]) -> None:
         """Load the modules and create the tasks; TaskError if one fails."""
+        robots, io, record, reports = data.robots, data.robots.io, data.record, data.reports
         self._record, self._reports, self._now_ns = record, reports, now_ns
         places = [(row, name) for row in io.tasks for name in row.robots]
         self._rows: Floats = np.zeros((len(places), robots.axes))
@@ -85,7 +83,7 @@ class Tasks:
             axes = robots.slices[robot]
             effort = self._rows[place, axes]
             task = _make(row, _maker(row, modules[row.module]), _robot(io, row, robot, robots))
-            sample = _sample(axes, samples, record)
+            sample = _sample(axes, data.samples, record)
             self._attached.append(Attached(
                 _label(row), row.module, robot, name, task, sample, effort[:], effort, round(row.budget_s * 1e9),
                 row.over_budget))

@@ -95,9 +95,7 @@ def renormalised(matrix: Array) -> Array:
     return matrix_from_pose(pose_from_matrix(np.asarray(matrix, dtype=np.float64)))
 
 
-def product(
-    first: Sequence[float], second: Sequence[float]
-) -> tuple[float, float, float, float]:
+def product(first: Sequence[float], second: Sequence[float]) -> tuple[float, float, float, float]:
     """The quaternion x y z w of the composed rotation first · second."""
     ax, ay, az, aw = first
     bx, by, bz, bw = second

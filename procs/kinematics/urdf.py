@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
 import numpy as np
 
+from trocar.procs.document.arms import MeshLink
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.poses import Array
 
@@ -18,10 +21,10 @@ VELOCITY: Final = 1.0
 """URDF requires a velocity limit; the arm's own limit is not in it."""
 
 
-def urdf(name: str, kinematics: Kinematics) -> str:
+def urdf(name: str, kinematics: Kinematics, meshes: Iterable[MeshLink] = ()) -> str:
     """The robot `name` from NAME_base to NAME_tip, a link behind each joint with the joint's name: NAME_yaw …
 
-    Joints have the chain's own names, positions and limits (rad, m).
+    Joints have the chain's own names, positions and limits (rad, m). `meshes` are further links on them, parents first.
     """
     robot = ElementTree.Element("robot", name=name)
     parent = _link(robot, f"{name}_base", kinematics.links.placements[0][:, 3])
@@ -37,7 +40,24 @@ def urdf(name: str, kinematics: Kinematics) -> str:
                                effort=repr(float(kinematics.effort_max[number])), velocity=repr(VELOCITY))
         parent = child
     _joint(robot, f"{name}_to_tip", "fixed", parent, _link(robot, f"{name}_tip", np.zeros(3)), kinematics.end)
+    for row in meshes:
+        _add_meshes(robot, name, row)
     return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _add_meshes(robot: ElementTree.Element, name: str, row: MeshLink) -> None:
+    """A link with its meshes, fixed or behind a joint that follows one of the chain."""
+    link, pose = ElementTree.SubElement(robot, "link", name=f"{name}_{row.name}"), np.array(row.pose)
+    for mesh in row.meshes:
+        visual, placed = ElementTree.SubElement(link, "visual"), np.array(mesh.pose)
+        _origin(visual, placed[:3, 3], _angles(placed[:3, :3]))
+        ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), "mesh", filename=Path(mesh.file).as_uri(),
+                               scale=" ".join(map(repr, mesh.scale)))
+    made = _joint(robot, f"{name}_to_{row.name}", "continuous" if row.follows else "fixed",
+                  f"{name}_{row.parent or 'base'}", link.get("name", ""), pose[:3])
+    if row.follows:
+        ElementTree.SubElement(made, "axis", xyz="0 0 1")
+        ElementTree.SubElement(made, "mimic", joint=row.follows, multiplier=repr(row.times))
 
 
 def _link(robot: ElementTree.Element, name: str, to: Array) -> str:

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Mapping
 from typing import Final
 
 FIRST: Final = 3
 
 
-def handed(environ: Mapping[str, str] = os.environ) -> tuple[socket.socket, ...]:
+def handed() -> tuple[socket.socket, ...]:
     """Listening sockets passed to this process, non-blocking; call it once. Empty for a process without `listen`."""
-    if environ.get("LISTEN_PID") != str(os.getpid()):
+    if os.environ.get("LISTEN_PID") != str(os.getpid()):
         return ()
     found = []
-    for number in range(FIRST, FIRST + int(environ.get("LISTEN_FDS", "0"))):
+    for number in range(FIRST, FIRST + int(os.environ.get("LISTEN_FDS", "0"))):
         os.set_inheritable(number, False)
         found.append(socket.socket(fileno=number))
         found[-1].setblocking(False)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import resource
 from typing import Final
 
-ENOUGH: Final = 512  # the recorder of a full system has 165 open
+ENOUGH: Final = 1024
+"""The supervisor of a full system (93 segments) has 200 open, its recorder 165, or 260 if it starts after the names of
+its memory were removed; users' processes add to them."""
 
 
 def raised(soft: int, hard: int) -> int:

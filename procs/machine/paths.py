@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import os
+import pwd
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -16,21 +18,34 @@ PROJECT_CONFIGS: Final = (PACKAGE / "configs").resolve()
 ADDS_FOLDER: Final = "--path FOLDER adds a folder"
 
 
+STATE_REMEDY: Final = "set TROCAR_STATE to a folder that you can write"
+
+
+class NoStateFolder(OSError):
+    """Logs or recordings cannot be kept; the message names the setting to change."""
+
+
 def log_folder(environ: Mapping[str, str], system: str) -> Path:
     """Folder of a system's log files: `TROCAR_STATE`, else `XDG_STATE_HOME/trocar`, else `~/.local/state/trocar`."""
     chosen = environ.get("TROCAR_STATE")
     if chosen:
         return Path(chosen) / system
     state = environ.get("XDG_STATE_HOME")
-    root = Path(state) if state else Path(environ.get("HOME", "/tmp")) / ".local" / "state"
+    root = Path(state) if state else _home(environ) / ".local" / "state"
     return root / "trocar" / system
 
 
-STATE_REMEDY: Final = "set TROCAR_STATE to a folder that you can write"
-
-
-class NoStateFolder(OSError):
-    """Logs or recordings cannot be kept; the message names the setting to change."""
+def _home(environ: Mapping[str, str]) -> Path:
+    """HOME, else the home of the user's account, else a folder in /tmp; NoStateFolder if another user has that."""
+    if home := environ.get("HOME"):
+        return Path(home)
+    with contextlib.suppress(KeyError):
+        return Path(pwd.getpwuid(os.getuid()).pw_dir)
+    folder = Path(f"/tmp/trocar-{os.getuid()}")
+    with contextlib.suppress(FileNotFoundError):
+        if folder.lstat().st_uid != os.getuid():
+            raise NoStateFolder(f"cannot keep logs and recordings in {folder}: it is another user's; {STATE_REMEDY}")
+    return folder
 
 
 def made_log_folder(environ: Mapping[str, str], system: str) -> Path:

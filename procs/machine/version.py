@@ -4,5 +4,5 @@ from __future__ import annotations
 
 from typing import Final
 
-VERSION: Final = "0.1.0"
-"""Equal to that in pyproject.toml, as a test checks: the program runs from its checkout, without package metadata."""
+VERSION: Final = "0.2.0"
+"""The only place of it; pyproject.toml reads it here, because the program also runs without package metadata."""

@@ -1,4 +1,4 @@
-"""The arrays of an arm's kinematics and of its governor. n: joints; for the governor including the jaw."""
+"""The arrays of an arm's kinematics, governor and records. n: joints; for the governor including the jaw."""
 
 from __future__ import annotations
 
@@ -78,4 +78,53 @@ GOVERNOR: Final = CStruct("Governor", (
 ), {"advance": ("f8", "i8"), "measure": ()})
 """From `trocar.procs.arm.governor.Governor`."""
 
-ARM: Final = (CHAIN, INVERSE, CARTESIAN, GRAVITY, GOVERNOR)
+NEAR: Final = CStruct("Near", (
+    *rows("i8", "", n="n", inverse="inverse"),  # the address of the solver's struct
+    *rows("f8", "7", pose="pose"),
+    *rows("f8", "4 4", to_base="to_base", goal="solver.goal"),
+    *rows("f8", "n", at="at", seed="solver.seed", q="solver.q"),
+    *rows("f8", "", slack="slack", close="close", room="room", furthest_turn="furthest_turn"),
+), {"find": ("i8",)})
+"""From `trocar.procs.arm.near.Near`."""
+
+FRESH, POWER, VALID, CHANGED, FAULTY = 1, 2, 4, 8, 16
+"""Of readings."""
+
+READINGS: Final = CStruct("Readings", (
+    *rows("i8", "", axes="axes", size="size", late_ns="LATE_NS"),
+    *rows("b1", "1", powered="powered", amps_on="amps_on", biased="biased"),
+    *rows("i8", "1", age_ns="age_ns"),
+    *rows("u2", "1", fault="fault"),
+    *rows("f8", "axes", position="given_position", velocity="given_velocity", effort="given_effort",
+          setpoint="given_setpoint", setpoint_velocity="given_setpoint_velocity",
+          setpoint_effort="given_setpoint_effort"),
+    *rows("f8", "6 axes", read="read"),
+    *rows("f8", "6 size", rows="rows"),
+    *rows("f8", "size axes", to_joint="to_joint"),
+    *rows("f8", "axes size", to_actuator="to_actuator"),
+), {"update": ("i8", "i8")})
+"""From `trocar.procs.arm.readings.ArmReadings`; size: joints with the jaw."""
+
+SETPOINT: Final = CStruct("Setpoint", (
+    *rows("i8", "", axes="axes", size="size"),
+    # of all joints: setpoint and its velocity; efforts in effort mode and for which; added efforts
+    *rows("f8", "2 size", goal="motion.rows"),
+    *rows("f8", "size", wanted="motion.effort", feed="motion.feed", gravity="gravity", measured="measured"),
+    *rows("b1", "size", pushed="motion.in_effort"),
+    *rows("f8", "size axes", to_joint="to_joint"),
+    *rows("f8", "axes size", to_actuator="to_actuator"),
+    # of the actuators
+    *rows("f8", "axes", position="position", velocity="velocity", effort="effort", feed_forward="feed_forward"),
+    *rows("b1", "axes", in_effort="in_effort"),
+), {"show": ("i8",)})
+"""From `trocar.procs.arm.record.SetpointRecord`."""
+
+LIMITS: Final = CStruct("Limits", (
+    *rows("i8", "", axes="axes", size="size"),
+    *rows("f8", "size", wanted="wanted", rated="rated", of_joints="of_joints"),
+    *rows("f8", "axes", motors="motors", of_motors="of_motors"),
+    *rows("f8", "size axes", to_joint="map"),
+), {"bear": ()})
+"""From `trocar.procs.arm.effort_limits.EffortLimits`."""
+
+ARM: Final = (CHAIN, INVERSE, CARTESIAN, GRAVITY, GOVERNOR, NEAR, READINGS, SETPOINT, LIMITS)

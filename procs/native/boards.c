@@ -119,7 +119,7 @@ int64_t HubMemory_collect(const HubMemory *k, int64_t sequence, int64_t tick, in
   return 0;
 }
 
-/* -- commands: procs/boards/controllers/commands.py ---------------------------------------------------------------- */
+/* -- commands: procs/boards/controllers/block_writes.py ---------------------------------------------------------------- */
 
 int64_t Commands_repeat(const Commands *k) {
   for (int64_t b = 0; b < k->boards; b++) {

@@ -59,7 +59,7 @@ WORLD: Final = CStruct("World", (  # trocar.procs.boards.emulation.Emulation; sl
     *rows("b1", "brakes", let_go="let_go"),
 ), {"sense": ("i8",), "move": ()})
 
-COMMANDS: Final = CStruct("Commands", (  # trocar.procs.boards.controllers.commands.WriteDecoder
+COMMANDS: Final = CStruct("Commands", (  # trocar.procs.boards.controllers.block_writes.WriteDecoder
     *rows("i8", "", boards="boards", width="width", columns="columns"),
     *rows("u4", "boards columns", block="block"),
     *rows("u4", "boards", heads="heads"),

@@ -32,6 +32,8 @@ def build(to: Path, sanitize: bool = False) -> None:
                    f"-DNATIVE_HASH={source_hash()}", *names, "-o", str(made), "-lm"]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        except FileNotFoundError as error:
+            raise BuildError(f"found no compiler {command[0]}; do: sudo apt-get install gcc libc6-dev") from error
         except (OSError, subprocess.TimeoutExpired) as error:
             raise BuildError(f"{command[0]}: {error}") from error
         if done.returncode:

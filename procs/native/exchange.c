@@ -3,19 +3,13 @@
 #define _GNU_SOURCE
 #include "fields.h"
 #include "numeric.h"
+#include "times.h"
 #include <errno.h>
 #include <poll.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <time.h>
 
 enum { SIZE, RECEIVED_NS, SENT_NS };  // of what came
-
-static int64_t time_ns(clockid_t clock) {
-  struct timespec now;
-  clock_gettime(clock, &now);
-  return now.tv_sec * 1000000000LL + now.tv_nsec;
-}
 
 /* The bytes of the next datagram; UNREADABLE, or NOTHING: none in time, or a signal came before. */
 static int64_t receive(const Hub *hub, int fd, int64_t timeout_ms, int64_t spin_ns) {

@@ -96,12 +96,28 @@ IO: Final = CStruct("Io", (
           output="record.output"),
 ), {"decode_and_check": (), "control_and_encode": ("f8", "i8"), "show": ()})
 
+KINEMATIC: Final = CStruct("Kinematic", (
+    *rows("i8", "", io="bound.address", n="robots.axes", drives="robots.drives", boards="robots.board_count",
+          robots="robots.count", followers="tracker.count", moving_ns="MOVING_NS"),
+    *rows("f8", "n", setpoint="pid.setpoint_position", step="step", position="samples.position",
+          velocity="samples.velocity"),
+    *rows("b1", "n", enabled="pid.enabled", effort_mode="pid.effort_mode"),
+    *rows("f8", "drives", current_request="record.current_request"),
+    *rows("u4", "boards", control="outputs.control", commanded="commanded"),
+    *rows("b1", "robots", robot_enabled="record.pid_enabled", moves="moves"),
+    *rows("i8", "robots", stamps_ns="stamps_ns"),
+    *places("followers", "robots", robot="tracker.robot"),
+    *places("followers", "n", first="tracker.first"),
+    *rows("i8", "followers", axes="tracker.axes", taken_ns="tracker.taken_ns"),
+), {"move": ("i8",), "follow": ("i8", "i8", "i8")})
+"""From `trocar.procs.io.kinematic.KinematicHalves`."""
+
 TRACK: Final = CStruct("Track", (
-    *rows("i8", "", n="robots.axes", robots="robots.count", followers="follow.count", timeout_ns="follow.timeout_ns",
-          record_size="follow.rings.size"),
+    *rows("i8", "", n="robots.axes", robots="robots.count", followers="follow.count", timeout_ns="follow.timeout_ns"),
     # the rings, and the places of fields in a record
     *rows("i8", "followers", head="follow.rings.head", slots="follow.rings.slots", depth="follow.rings.depth",
-          stride="follow.rings.stride", copy="follow.rings.copy", seen="follow.rings.seen", axes="follow.axes"),
+          stride="follow.rings.stride", size="follow.rings.size", copy="follow.rings.copy", seen="follow.rings.seen",
+          axes="follow.axes"),
     *places("followers", "robots", robot="follow.robot"),
     *places("followers", "n", first="follow.first"),
     *rows("i8", "11", offsets="follow.rings.offsets"),

@@ -24,6 +24,7 @@ class NativeLibrary:
 
     library: ctypes.PyDLL | None
     why: str = ""
+    file: Path | None = None
 
 
 @functools.cache
@@ -50,7 +51,7 @@ def _checked(path: Path) -> NativeLibrary:
         return NativeLibrary(None, f"{path.name} was made from other sources")
     if list(sizes) != [ctypes.sizeof(table.ctype) for table in STRUCTS]:
         return NativeLibrary(None, f"{path.name} has structs of another size")
-    return NativeLibrary(library)
+    return NativeLibrary(library, file=path)
 
 
 def bind(table: CStruct, source: object) -> BoundStruct | str:
@@ -62,6 +63,11 @@ def bind(table: CStruct, source: object) -> BoundStruct | str:
         return BoundStruct(library, table, source)
     except BindError as error:
         return str(error)
+
+
+def address_of(function: Callable[..., int]) -> int:
+    """Address of the struct that a `chosen` function works on; 0: it is a method."""
+    return int(function.args[0].value) if isinstance(function, functools.partial) else 0
 
 
 def chosen(table: CStruct, source: object, prefix: str = "") -> tuple[Callable[..., int], ...]:

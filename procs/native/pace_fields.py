@@ -26,7 +26,7 @@ LOOK: Final = 8
 WORDS: Final = 9
 
 PACE: Final = CStruct("Pace", (
-    *rows("i8", "", period_ns="period_ns", room="room"),
+    *rows("i8", "", period_ns="period_ns", quickest_ns="quickest_ns", room="room"),
     *rows("f8", "", gain="gain"),
     *rows("i8", str(WORDS), words="words"),
     # for the cycles of this second
@@ -34,4 +34,6 @@ PACE: Final = CStruct("Pace", (
     # in the control page
     *rows("i8", "1", beat="beat"),
     *rows("u8", "1", cycles="cycles", missed="missed", overruns="overruns"),
-), {"end_of_work": ("i8", "i8"), "begin_work": ("i8",), "wait": ("i8", "i8")}, frozenset({"wait"}))
+    *rows("u4", "1", wakeup="wakeup"),
+), {"end_of_work": ("i8", "i8"), "begin_work": ("i8",), "wait": ("i8", "i8"), "sleep": ("i8",)},
+   frozenset({"wait", "sleep"}))

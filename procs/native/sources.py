@@ -9,15 +9,17 @@ from types import ModuleType
 from typing import Final
 
 from trocar.procs.fpga import blocks, registers, wire
-from trocar.procs.native import bus_fields, io_fields, pace_fields
+from trocar.procs.native import arm_fields, bus_fields, follow_fields, io_fields, pace_fields
 from trocar.procs.native.arm_fields import ARM
 from trocar.procs.native.boards_fields import BOARDS
 from trocar.procs.native.bus_fields import EXCHANGE, HUB, WRITE
 from trocar.procs.native.fields import CStruct
-from trocar.procs.native.io_fields import IO, TRACK
+from trocar.procs.native.follow_fields import FOLLOW
+from trocar.procs.native.io_fields import IO, KINEMATIC, TRACK
 from trocar.procs.native.pace_fields import PACE
+from trocar.shm.mailbox import mailbox_map, received
 
-STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, HUB, WRITE, EXCHANGE, *BOARDS, *ARM, PACE)
+STRUCTS: Final[tuple[CStruct, ...]] = (IO, KINEMATIC, TRACK, HUB, WRITE, EXCHANGE, *BOARDS, *ARM, FOLLOW, PACE)
 
 
 def _named(module: ModuleType, names: str, prefix: str = "") -> dict[str, int | float]:
@@ -26,13 +28,20 @@ def _named(module: ModuleType, names: str, prefix: str = "") -> dict[str, int | 
 
 CONSTANTS: Final = {
     **_named(io_fields, "MISSED STATUS LIMIT TRACKING NOT_FINITE CONTROLLED SENT"),
+    **_named(arm_fields, "FRESH POWER VALID CHANGED FAULTY"),
     **_named(bus_fields, "NOTHING UNREADABLE"),
     **_named(wire, "BLOCK_RESPONSE HOST_ID"),
     **_named(blocks, "KINDS SCALARS"),
     **_named(registers, "CONTROL_AMP_MASK_SHIFT CONTROL_AMP_SHIFT CURRENT_EXCESS DAC_BOARD_SHIFT INPUT_MOTOR_SUPPLY "
                         "MIN_QUARTER QUERY SAME_EDGE SLOWEST_S"),
     **_named(pace_fields, "DEADLINE START WANTED STEP CYCLES MISSED OVERRUNS KEPT LOOK", "WORD_"),
+    **_named(follow_fields, "COUNT KNOWN ANSWERED LAST STAMP SEEN ROTATION_LOCKED TRANSLATION_LOCKED LINEAR ANGULAR "
+                            "CARRIED JAWS HAS_GRIPPER CATCHING_UP DONE_TO", "FOLLOW_"),
+    **_named(follow_fields, "ROOM_M ROOM_RAD SCALE FACTOR OFFSET LOWER BEGUN GHOST RATE SLOW_RATE", "NUMBER_"),
+    **_named(follow_fields, "GOALS"),
+    **_named(mailbox_map, "COMMANDS_DEPTH REPLIES_DEPTH REPLY_START VALUES_IN_RAW"),
     "DAC_KEPT": registers.DAC_VALID | registers.DAC_COLLECT | registers.DAC_VALUE_MASK,
+    "DONE": received.DONE,
     "DIRECTION": registers.VELOCITY_DIRECTION,
     "INPUTS_AT": blocks.DIGITAL_INPUT,
     "MIDDLE": 0.5 * registers.DAC_VALUE_MASK,

@@ -2,29 +2,17 @@
    left as it was, and its bit is returned. */
 #include "fields.h"
 #include "numeric.h"
-#include <string.h>
+#include "rings.h"
 
 enum { STAMP, MODE, HAS_VELOCITY, COUNT, IN_EFFORT, BIAS, PID, POSITION, VELOCITY, FEED_FORWARD, DESIRED };
-enum { DRIVE = 1, ROOM = 8, RETRIES = 16 };
+enum { DRIVE = 1, ROOM = 8 };
 
-/* The newest record into the private copy; its stamp, 0: there is none, -1: it has to be looked at. See shm/ring/ring.py. */
+/* The newest record into the private copy; its stamp, -1: there is none, or it has to be looked at. */
 static int64_t newest(const Track *k, int64_t f, uint8_t *record) {
-  const int64_t *head = (const int64_t *)k->head[f];
-  for (int tries = 0; tries < RETRIES; tries++) {
-    int64_t n = __atomic_load_n(head, __ATOMIC_ACQUIRE);  // R1
-    if (n < k->seen[f] || n < 0) return -1;
-    const uint8_t *slot = (const uint8_t *)k->slots[f] + n % k->depth[f] * k->stride[f];
-    memcpy(record, slot, k->record_size);  // R2
-    __atomic_thread_fence(__ATOMIC_ACQUIRE);
-    if (n && __atomic_load_n((const int64_t *)slot, __ATOMIC_RELAXED) == n) {  // R3
-      int64_t stamp;
-      memcpy(&stamp, record + k->offsets[STAMP], sizeof stamp);
-      k->seen[f] = n;
-      return stamp < 0 ? -1 : stamp;
-    }
-    if (!n) return -1;
-  }
-  return -1;
+  int64_t stamp;
+  if (!read_newest(k->head[f], k->slots[f], k->depth[f], k->stride[f], k->size[f], k->seen + f, record)) return -1;
+  memcpy(&stamp, record + k->offsets[STAMP], sizeof stamp);
+  return stamp < 0 ? -1 : stamp;
 }
 
 static uint32_t word_at(const uint8_t *record, int64_t offset) {
@@ -37,13 +25,13 @@ static uint32_t word_at(const uint8_t *record, int64_t offset) {
 static int take(const Track *k, int64_t f, const uint8_t *record) {
   int64_t robot = k->robot[f], count = k->axes[f], at = k->first[f];
   const int64_t *o = k->offsets;
-  static const uint8_t nobody[ROOM];
+  static const uint8_t zeros[ROOM];
   if (k->holding[robot] || k->applies_effort[f] || count > ROOM) return 0;
   int meant = word_at(record, o[BIAS]) == k->bias_generation[robot]
               && word_at(record, o[PID]) == k->pid_generation[robot];
   if (record[o[MODE]] != DRIVE || !meant || record[o[COUNT]] != count) return k->resting[f] && !k->follows_velocity[f];
   int velocity = record[o[HAS_VELOCITY]] && k->uses_velocity[robot];
-  if (k->own[f] || velocity != k->follows_velocity[f] || memcmp(record + o[IN_EFFORT], nobody, count)) return 0;
+  if (k->own[f] || velocity != k->follows_velocity[f] || memcmp(record + o[IN_EFFORT], zeros, count)) return 0;
   k->resting[f] = 0;
   memcpy(k->incoming + at, record + o[POSITION], sizeof(double) * count);
   if (velocity) memcpy(k->incoming + k->n + at, record + o[VELOCITY], sizeof(double) * count);

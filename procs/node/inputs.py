@@ -28,15 +28,15 @@ class Input:
 
     def __init__(self, ring: RingReader, late_s: float = LATE_S) -> None:
         """Records older than `late_s` are not fresh."""
-        self.ring, self._late_ns = ring, round(late_s * 1e9)
+        self.ring, self.late_ns = ring, round(late_s * 1e9)
         self.field = ring.field
-        self.stamp_ns = self._now_ns = self._epoch = 0
+        self.stamp_ns = self._now_ns = self.epoch = 0
         self.whole = self.restarted = False
 
     def look(self, now_ns: int) -> bool:
         """Read the newest record, once a cycle; returns `whole`."""
         ring, epoch = self.ring, self.ring.epoch
-        self._now_ns, self.restarted, self._epoch = now_ns, self._epoch not in (0, epoch), epoch
+        self._now_ns, self.restarted, self.epoch = now_ns, self.epoch not in (0, epoch), epoch
         self.whole = ring.newest()
         if self.whole:
             self.stamp_ns = ring.stamp_ns
@@ -50,8 +50,8 @@ class Input:
     @property
     def fresh(self) -> bool:
         """Whether there is a record that is not too old."""
-        return self.stamp_ns > 0 and self.age_ns <= self._late_ns
+        return self.stamp_ns > 0 and self.age_ns <= self.late_ns
 
     def sampled(self, before_ns: int) -> bool:
         """Whether the look read a record whose samples, taken `before_ns` before its stamp, are not too old."""
-        return self.whole and self.stamp_ns > 0 and self.age_ns + abs(before_ns) <= self._late_ns
+        return self.whole and self.stamp_ns > 0 and self.age_ns + abs(before_ns) <= self.late_ns

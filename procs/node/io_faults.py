@@ -6,14 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trocar.procs.document.system import Actuator, Brake, IoConfig
+from trocar.procs.document.system import Actuator, Brake, IoConfig, RecordPlace
 from trocar.procs.node.fault_report import FaultReport, axis_titles, boards_of, place, reported, sentence
 from trocar.procs.node.inputs import Fields
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import AMPLIFIER, Code
+from trocar.procs.tables.codes import AMPLIFIER, ARM_LOST, ERROR, FAULTS, Code
 from trocar.shm.ring.ring import RingReader
 
 RECENT_NS = 200_000_000
+HARMLESS = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
+"""Numbers in io's record that are no fault for the process that drives the robot."""
 
 
 def power_lost() -> FaultReport:
@@ -53,18 +55,14 @@ def fault_reports(newest_ns: Callable[[], int], events: RingReader, robot: str) 
     return report
 
 
-def power_reports(field: Fields, document: IoConfig, number: int) -> Callable[[], FaultReport]:
+def power_reports(field: Fields, document: IoConfig, at: RecordPlace) -> Callable[[], FaultReport]:
     """The report for a loss of power, from the amplifiers in io's record: a single one that is off is named."""
-    robot, titles = document.robots[number], axis_titles(document)[number]
-    brakes = sum(len(each.actuators) for each in document.robots)
-    brakes += sum(len(each.brakes) for each in document.robots[:number])
-    first = sum(len(each.actuators) for each in document.robots[:number])
-    places = [*range(first, first + len(robot.actuators)), *range(brakes, brakes + len(robot.brakes))]
+    robot, titles, places = at.robot, axis_titles(document)[at.row], at.drives
     drives: list[Actuator | Brake] = [*robot.actuators, *robot.brakes]
     enabled, on = field("amp_enabled"), field("amp_on")
 
     def report() -> FaultReport:
-        wanted = [axis for axis, at in enumerate(places) if enabled[at]]
+        wanted = [axis for axis, drive in enumerate(places) if enabled[drive]]
         off = [axis for axis in wanted if not on[places[axis]]]
         if not off or len(off) == len(wanted):  # the common supply
             return power_lost()

@@ -2,50 +2,77 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
+import functools
 import io
 import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from trocar.procs.document.system import SystemConfig, from_json
-from trocar.procs.node.node_memory import NodeMemory
-from trocar.procs.node.setup_error import exit_code, explains_itself
+from trocar.procs.node.node import Node
+from trocar.procs.node.setup_error import SETUP_FAILED, exit_code, explains_itself
 from trocar.shm.mailbox.origins import ACTING
 from trocar.shm.system import directory, loglines
 
-SETUP_FAILED: Final = 3
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer as Buffer
+
 LOOP_FAILED: Final = 4
+MISUSED: Final = 2
+_decoded = functools.lru_cache(1)(from_json)
 
 
-def arguments(kind: str) -> argparse.Namespace:
-    """Parse the arguments that all processes have, system and name, and open the log, which is not buffered.
+class LogFile(io.FileIO):
+    """The log of a process. What the disk has no room for is lost; the process continues."""
 
-    From then on, commands of the process carry this name.
+    def write(self, data: Buffer) -> int:
+        """The number of bytes, also of lost ones."""
+        try:
+            return super().write(data)
+        except OSError:
+            return memoryview(data).nbytes
+
+
+@dataclass(frozen=True, slots=True)
+class Arguments:
+    """The command line of a process."""
+
+    system: str
+    name: str
+
+
+def arguments(kind: str) -> Arguments:
+    """Read the arguments that all processes have, system and name, and open the log, which is not buffered.
+
+    From then on, commands of the process carry this name. Not by argparse, which would cost each process 2 MB.
     """
-    parser = argparse.ArgumentParser(prog=kind, description=f"One {kind}, started by trocar up.")
-    parser.add_argument("--system", required=True)
-    parser.add_argument("--name", required=True)
-    chosen = parser.parse_args()
+    match sys.argv[1:]:
+        case ["--system", system, "--name", name]:
+            chosen = Arguments(system, name)
+        case _:
+            sys.stderr.write(f"usage: {kind} --system SYSTEM --name NAME; trocar up starts it\n")
+            sys.exit(MISUSED)
+    if sys.stdout is sys.__stdout__ and sys.stderr is sys.__stderr__:
+        sys.stdout, sys.stderr = (io.TextIOWrapper(io.BufferedWriter(LogFile(number, "w", closefd=False)), "utf-8",
+                                                   "backslashreplace", line_buffering=True) for number in (1, 2))
     loglines.begin(sys.stderr, chosen.name)
     ACTING.begin(chosen.name)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(line_buffering=True)
     return chosen
 
 
 def document_of(system: str) -> SystemConfig:
-    """The document of a running system; SegmentError when there is none."""
-    return from_json(directory.document(system))
+    """The document of a running system; SegmentError when there is none. One decoded before a fork is used again."""
+    return _decoded(directory.document(system))
 
 
 @contextlib.contextmanager
-def lived(node: NodeMemory, traces: bool = False) -> Iterator[None]:
+def lived(node: Node, traces: bool = False) -> Iterator[None]:
     """Run the body as a process that has claimed its instance; its end is shown, logged and sets the exit code.
 
     `traces`: errors that explain themselves are logged with a trace as well.

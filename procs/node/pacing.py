@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from typing import Final
 
 import numpy as np
 
@@ -23,7 +24,11 @@ SHORT_CHECK_NS = 200_000_000
 SHORT_CHECKS = 3  # in a row: excludes a pause of the machine, and comes before Linux stops FIFO processes
 SHORT_NS = (4_000_000_000, 60_000_000_000)  # duration of the overload state at first, and at most if it soon recurs
 ROOM = 20_000  # samples for the statistics of a second
-QUICKEST_NS = 1_000_000  # minimum time between two cycles of a loop with longer periods, even with much news
+AFTER_OTHERS_NS: Final = 1
+"""In simulated time, a process that was woken begins its cycle after the cycles of others at that instant: their order
+would not be the same each time.
+"""
+QUICKEST_NS = 1_000_000
 GAIN = 0.05
 SHARES = 4  # of a period, at most: largest denominator of the ratio of the followed period to it
 NEVER = 1 << 62
@@ -50,8 +55,10 @@ class Pacing:
     def __init__(self, page: ControlPage, period_ns: int, phase_ns: int) -> None:
         """`phase_ns`: offset of the cycles from the grid of periods in lock-step."""
         self.period_ns, self._phase_ns = max(1, period_ns), phase_ns
+        self.quickest_ns = min(QUICKEST_NS, self.period_ns)
+        """Minimum time between two cycles, even with much news."""
         page.field("period_ns")[...] = period_ns
-        self._interval = page.field("interval_cycles")
+        self._interval, self._interval_missed = page.field("interval_cycles"), page.field("interval_missed")
         self._figures = {
             which: [page.field(f"{which}_{figure}") for figure in FIGURES] for which in ("period", "work", "latency")
         }
@@ -63,11 +70,12 @@ class Pacing:
         self._words[STEP] = self.period_ns
         self.beat, self.cycles, self.missed, self.overruns = (
             page.field(name).reshape(1) for name in ("heartbeat_ns", "cycles", "missed", "overruns"))
+        self.wakeup = page.field("wakeup").reshape(1)
         self._beat, self._cycles, self._missed, self._overruns = (
             cell.data for cell in (self.beat, self.cycles, self.missed, self.overruns))
         self._latency_count = self._interval_end = 0
         self._beats = True
-        self._short_check = self._short_checks = self._short_ns = self._missed_before = 0
+        self._short_check = self._short_checks = self._short_ns = self._missed_before = self._missed_then = 0
         self.short_until_ns = 0
         """End of the overload state, entered when many deadlines were missed."""
 
@@ -198,6 +206,8 @@ class Pacing:
             for cell, figure in zip(self._figures[which], figures, strict=True):
                 cell[...] = figure
         self._interval[...] = self._words[KEPT]
+        self._interval_missed[...] = self._words[MISSED] - self._missed_then
+        self._missed_then = self._words[MISSED]
         self._words[KEPT] = self._latency_count = 0
         self._interval_end = now_ns + INTERVAL_NS
 

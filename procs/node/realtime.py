@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import mmap
 import os
 import platform
 import pwd
@@ -16,9 +15,12 @@ import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from trocar.procs.document.process import Process
+
+if TYPE_CHECKING:
+    from trocar.procs.document.system import SystemConfig
 
 PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
@@ -28,6 +30,7 @@ SCHED_ATTR = struct.Struct("<IIQiIQQQ")  # size, policy, flags, nice, priority, 
 SCHED_DEADLINE = 6
 SCHED_FLAGS = 1 | 2  # not inherited by children; may use more than its reservation where no other process reserved
 
+MAX_SPIN_US: Final = 50.0
 LOCKED: Final = "locked"
 NO_FIFO, NOT_LOCKED = "no FIFO", "not locked"
 """Refused requests, in the words of `realtime` and `lock_memory`."""
@@ -37,8 +40,7 @@ HIGHEST: Final = 98  # the highest priority that a system file may ask for
 LOWEST: Final = 1  # of FIFO
 LIMITS_FILE: Final = "/etc/security/limits.d/trocar.conf"
 SYSTEMD: Final = f"LimitRTPRIO={HIGHEST} and LimitMEMLOCK=infinity"
-SCRATCH: Final = 16 << 20  # bytes; in larger regions only used memory is locked
-USED_TOGETHER: Final = 1 << 18  # bytes of such a region that are locked together if any of them was used
+CONTAINER: Final = f"--ulimit rtprio={HIGHEST} --ulimit memlock=-1"
 CPUS: Final = Path("/sys/devices/system/cpu")
 REGION = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) ([0-9a-f]+) \S+ \d+ *(.*)")
 
@@ -132,18 +134,18 @@ def regions(pid: int) -> list[Region]:
 
 
 def lock_memory() -> str:
-    """Prevent page faults in a loop: fetch all our pages now, and lock those that are ours alone.
+    """Prevent the loop from waiting for a page: lock the pages that we have, and fetch those of our files.
 
-    The supervisor locks shared pages (procs/supervisor/shared_pages.py). Unused scratch memory (OpenBLAS takes 32 MB
-    in each process) is locked only where it was used. Later allocations are locked on first use, not filled at once:
-    that would cost a loop 10 ms for 32 MB. Returns the result in words.
+    Pages that we share with the process that has forked us stay shared: our first write to one copies it, in 2 µs. So
+    does the first use of a new page. Both are locked then (MCL_ONFAULT), and neither waits for a disk. The supervisor
+    locks segments and code for all (procs/supervisor/shared_pages.py). Returns the result in words.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
         return NOT_LOCKED
     try:
-        _lock_each(libc, regions(os.getpid()))
-    except PermissionError:  # an interpreter with file capabilities may not read its own pagemap: lock everything
+        _fetch_each(libc, regions(os.getpid()))
+    except PermissionError:  # an interpreter with file capabilities may not read its own maps: lock everything
         libc.mlockall(MCL_CURRENT | MCL_FUTURE)
     return LOCKED
 
@@ -152,44 +154,17 @@ def fetch_segments() -> None:
     """Fetch the pages of shared-memory segments that were mapped since `lock_memory`."""
     with contextlib.suppress(PermissionError):
         found = [region for region in regions(os.getpid()) if region.file.startswith("/dev/shm/")]
-        _lock_each(ctypes.CDLL(None), found)
+        _fetch_each(ctypes.CDLL(None), found)
 
 
-def _lock_each(libc: ctypes.CDLL, listed: Iterable[Region]) -> None:
-    pagemap = os.open("/proc/self/pagemap", os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        for region in listed:
-            _lock(libc, pagemap, region)
-    finally:
-        os.close(pagemap)
-
-
-def _lock(libc: ctypes.CDLL, pagemap: int, region: Region) -> None:
-    place = ctypes.c_void_p(region.begin), ctypes.c_size_t(region.size)
-    own, written = region.rights.endswith("p"), "w" in region.rights
-    large = own and written and not region.file and region.size >= SCRATCH
-    used = _used(pagemap, region) if large or (own and region.rights.startswith("r--")) else []
-    if large:
-        whole = sum(used) > len(used) // 2
-    else:
-        whole = own and (written or any(used))
-    if whole:
-        libc.mlock(*place)  # fetches the pages, too
-        return
-    libc.munlock(*place)
-    if region.file.startswith("/"):  # before Linux 5.14 no effect: pages are fetched on first use
-        libc.madvise(*place, POPULATE_WRITE if written else POPULATE_READ)
-    step = USED_TOGETHER // mmap.PAGESIZE
-    for k in range(0, len(used), step):
-        if any(part := used[k : k + step]):
-            libc.mlock(ctypes.c_void_p(region.begin + k * mmap.PAGESIZE), ctypes.c_size_t(len(part) * mmap.PAGESIZE))
-
-
-def _used(pagemap: int, region: Region) -> list[bool]:
-    """For each page whether it is present and private: written since it was mapped, or not from a file."""
-    count = region.size // mmap.PAGESIZE
-    data = os.pread(pagemap, 8 * count, 8 * (region.begin // mmap.PAGESIZE))
-    return [word >> 63 == 1 and not word >> 61 & 1 for word in struct.unpack(f"<{len(data) // 8}Q", data)]
+def _fetch_each(libc: ctypes.CDLL, listed: Iterable[Region]) -> None:
+    """Map the pages of files, without a copy; before Linux 5.14 no effect: they are mapped on first use."""
+    for region in listed:
+        place, own = (ctypes.c_void_p(region.begin), ctypes.c_size_t(region.size)), region.rights.endswith("p")
+        if not own or "x" in region.rights:
+            libc.munlock(*place)  # the supervisor locks it
+        if region.file.startswith("/"):
+            libc.madvise(*place, POPULATE_READ if own or "w" not in region.rights else POPULATE_WRITE)
 
 
 def is_urgent(pid: int) -> bool:
@@ -205,6 +180,13 @@ def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
     wanted = SCHED_ATTR.pack(SCHED_ATTR.size, SCHED_DEADLINE, SCHED_FLAGS, 0, 0, round(share * period_ns), period_ns,
                              period_ns)
     return bool(libc.syscall(SCHED_SETATTR, 0, wanted, 0) == 0)
+
+
+def spin_ns(system: SystemConfig, name: str) -> int:
+    """Spin time of an io, as configured for its bus; 0 on the only core, and without boards, where it has no use."""
+    spin_us = next((io.spin_us for io in system.ios if io.name == name and io.port), 0.0)
+    given = system.process(name).cpus  # not ours yet: we begin where the supervisor may run
+    return round(min(spin_us, MAX_SPIN_US) * 1e3) if given or len(os.sched_getaffinity(0)) > 1 else 0
 
 
 def user() -> str:

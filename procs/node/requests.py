@@ -6,71 +6,10 @@ Each command has a handler, which raises CommandRefused to refuse it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Final
 
 from trocar.procs.kinematics.poses import PoseError
-from trocar.shm.mailbox.command_row import CommandRow
-from trocar.shm.mailbox.origins import Origin, SenderId
-from trocar.shm.memory.holders import Holder
-
-
-class Request(Protocol):
-    """A command from a mailbox, or a desired state of an arm (procs/io/arm_requests.py).
-
-    The answer is refuse, done, or accept followed by done or fail.
-    """
-
-    @property
-    def origin(self) -> Origin:
-        """The operator's command from which this one originates."""
-
-    @property
-    def sender(self) -> SenderId:
-        """The program, and the client of a bridge, that sent it."""
-
-    @property
-    def holder(self) -> Holder:
-        """The process that sent it, as it reported itself."""
-
-    @property
-    def command(self) -> CommandRow:
-        """Its row of the table."""
-
-    @property
-    def pid(self) -> int:
-        """Process id that the sender states; 0 if unknown."""
-
-    @property
-    def has_client(self) -> bool:
-        """Whether the mailbox place it came from has a living client (see `pid`). Asks the Linux kernel."""
-
-    @property
-    def name(self) -> str:
-        """The command's name."""
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """Its numbers."""
-
-    @property
-    def text(self) -> str:
-        """Its text."""
-
-    def accept(self, text: str = "") -> None:
-        """Report that execution has begun."""
-
-    def refuse(self, reason: str) -> None:
-        """Report that it will not be executed."""
-
-    def done(self, text: str = "") -> None:
-        """Report that it has been executed."""
-
-    def fail(self, reason: str) -> None:
-        """Report that it failed after it was accepted."""
-
+from trocar.shm.mailbox.received import Request as Request
 
 STREAM_ENDED: Final = "this stream has ended"
 """Begin of an arm's answers to goals of a stream that it has ended, until the stream pauses for STREAM_PAUSE_NS."""

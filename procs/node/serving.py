@@ -1,4 +1,7 @@
-"""Loops that serve sockets by asyncio between cycles, and publish their state once a second."""
+"""Loops that serve clients by asyncio between cycles, and publish their state once a second.
+
+After a stall the clients are disconnected, because their requests from the stall are out of date.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +19,35 @@ SHOW_NS: Final = 1_000_000_000
 class ServingLoop(runtime.Loop):
     """A loop whose asyncio `events` run between cycles; `shown` fills its record `state`."""
 
-    def __init__(self, node: runtime.Node) -> None:
-        super().__init__(node)
-        self._state, self._show_at = node.writes("state"), 0
-        self.events = asyncio.new_event_loop()
+    _listens = False
+
+    def setup(self) -> None:
+        """Begin to serve clients; AccessError when the token or a certificate cannot be used."""
+        self._state, self._show_at = self.node.writes("state"), 0
+        self.events = self.node.hold(asyncio.new_event_loop())
         asyncio.set_event_loop(self.events)
+        # duplicates, because servers close them: ours remain for the next loop
+        self.events.run_until_complete(self.listen([each.dup() for each in self.node.listening]))
+        self._listens = True
 
-    def sockets(self) -> list[socket.socket]:
-        """Duplicates of the listening sockets, for a server that closes them: ours remain for the next loop."""
-        return [listening.dup() for listening in self.node.listening]
+    @abstractmethod
+    async def listen(self, sockets: list[socket.socket]) -> None:
+        """Accept clients at these sockets."""
 
-    def wait(self) -> bool:
+    @abstractmethod
+    async def disconnect(self) -> None:
+        """Disconnect all clients, and close the sockets."""
+
+    def update(self) -> None:
+        """Publish the clients' activity."""
+        self.show(self.node.now_ns)
+
+    def quit(self) -> None:
+        """Disconnect all clients."""
+        if self._listens:
+            self.events.run_until_complete(self.disconnect())
+
+    def tick(self) -> bool:
         """Serve until the next cycle."""
         return self.node.tick(self._serve)
 

@@ -7,6 +7,8 @@ from typing import Final
 from trocar.procs.machine.paths import NoStateFolder
 from trocar.shm.memory.segment import SegmentError
 
+SETUP_FAILED: Final = 3
+"""Exit code of a process whose setup failed; without an error on its page, it could not attach to its memory."""
 STAYS: Final = 78
 """Exit code of a process that is not restarted automatically: EX_CONFIG of sysexits.h."""
 

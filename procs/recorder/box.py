@@ -13,6 +13,7 @@ from trocar.procs.recorder.files import KeptFile, kept, path_of, remove, too_old
 from trocar.procs.recorder.sources import LocalTimes, SystemSources
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
+from trocar.shm.memory.segment import SegmentError
 
 PARTS: Final = 10
 """Number of files over which the kept time, and the size, are divided."""
@@ -92,7 +93,8 @@ class BlackBox:
         self.files.append(self._begin_file(path_of(self._folder, names.BOX, local_ns), names.BOX))
         for ring in self._complete:
             if ring.is_seldom:  # the file with its last change may be gone
-                ring.keep_newest(self.chunk, self._times)
+                with suppress(SegmentError):  # its name was removed, and no supervisor has it
+                    ring.keep_newest(self.chunk, self._times)
 
     @property
     def _steady_ns(self) -> int:

@@ -35,15 +35,14 @@ def open_new(path: Path) -> BinaryIO:
 class Disk:
     """The thread with its queue. `problem`: the last error, empty after a successful write."""
 
-    def __init__(self, most: int = MAX_WAITING, start: bool = True) -> None:
+    def __init__(self, most: int = MAX_WAITING) -> None:
         self._jobs: SimpleQueue[tuple[Callable[[], None] | None, int]] = SimpleQueue()
         self._most, self._lock = most, threading.Lock()
         self.waiting = 0
         """Bytes in the queue."""
         self.problem = ""
         self._thread = threading.Thread(target=self._run, name="disk", daemon=True)
-        if start:
-            self._thread.start()
+        self._thread.start()
 
     def has_room(self, size: int) -> bool:
         """Whether the queue has room for `size` more bytes."""

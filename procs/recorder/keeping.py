@@ -36,7 +36,8 @@ class FaultKeeper:
         self._now: FaultRecording | None = None
         self._asked: list[Received] = []
         self._next: list[tuple[SeenFault, Received | None]] = []
-        self._next_ns = self._since_ns = self._taken_ns = self._covered_ns = 0
+        self._next_since = times.now
+        self._since_ns = self._taken_ns = self._covered_ns = 0
         self._dropped, self._is_told = 0, False
 
     @property
@@ -60,7 +61,7 @@ class FaultKeeper:
             return  # a repetition of an error in the queue
         if len(self._next) >= MAX_QUEUE:
             raise ValueError(f"{MAX_QUEUE} are already waiting to be saved")
-        self._next_ns = self._next_ns if self._next else self._times.monotonic_ns
+        self._next_since = self._next_since if self._next else self._times.now
         self._next.append((fault, asked))
         if self._now is None:
             self._begin(0)
@@ -68,7 +69,7 @@ class FaultKeeper:
     def _begin(self, since_ns: int) -> None:
         """Begin with the whole queue. `since_ns` (time of day): older data of the black box is in the last file."""
         (first, _), *others = self._next
-        self._now = FaultRecording(first, self._sources, self._times, self._begin_file, self._next_ns)
+        self._now = FaultRecording(first, self._sources, self._times, self._begin_file, self._next_since)
         for fault, _ in others:
             self._now.add(fault)
         self._asked = [asked for _, asked in self._next if asked is not None]

@@ -1,7 +1,7 @@
 """The recorder: a black box of the last minutes, recordings on request, and recordings of faults.
 
 It only reads rings, so no writer is affected; the disk has a thread of its own; messages that cannot be written are
-dropped and counted. If it dies or hangs, the robot is not affected. docs/operating.md, docs/recordings.md.
+dropped and counted. If it dies or hangs, the robot is not affected. docs/recordings.md.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Final
 
 from trocar.procs.document.recorder import COMPRESSIONS, Recorder
 from trocar.procs.machine.paths import made_recordings_folder
+from trocar.procs.node import runtime
 from trocar.procs.node.requests import has_left
 from trocar.procs.recorder.box import BlackBox, BoxLimits
 from trocar.procs.recorder.disk import Disk, DiskFile, no_room_made
@@ -28,8 +29,7 @@ from trocar.procs.recordings.chunks import COMPRESSIONS as METHODS
 from trocar.procs.recordings.facts import document_of, facts_of
 from trocar.procs.recordings.writing import ChannelTable
 from trocar.procs.tables import codes
-from trocar.procs.user.loop import live
-from trocar.procs.user.process import UserNode
+from trocar.procs.user.process import UserLoop
 from trocar.shm.mailbox.received import Received
 from trocar.shm.memory.layout import cut_text, shorten
 
@@ -43,7 +43,7 @@ END_S: Final = 2.0
 MAX_CHOSEN: Final = 200
 
 
-class RecorderLoop(UserNode):
+class RecorderLoop(UserLoop):
     """The recorder's process, see above."""
 
     def setup(self) -> None:
@@ -56,7 +56,7 @@ class RecorderLoop(UserNode):
         self._problem, self._fault_path, self._named_path = "", "", ""
         self._fault_span_ns, self._missing = (0, 0), ""
         self._shown_ns = self._told_ns = self._dropped = self._dropped_before = 0
-        document = self.own.document
+        document = self.node.document
         row = document.recorder or Recorder()
         self._folder = made_recordings_folder(os.environ, self.system, row.folder)
         self._times, self._table, self._disk = LocalTimes(self.time), ChannelTable(), Disk()
@@ -169,7 +169,7 @@ class RecorderLoop(UserNode):
         self._show(named)  # before the answers, so that clients can read the result
         for request in asked:
             request.done(said)
-        self.own.events.status(f"recording {named.name} has ended: {said}", self.name)
+        self.node.events.status(f"recording {named.name} has ended: {said}", self.name)
 
     # files and errors
 
@@ -199,13 +199,13 @@ class RecorderLoop(UserNode):
             said = "the recording of the last fault is not complete" if is_kept else "the last fault was not recorded"
             self._missing = f"{said}: {why}"
         if not is_kept:
-            self.own.events.report(codes.RECORDING_DROPPED, f"{fault.reason}: could not be kept: {why}", who,
+            self.node.events.report(codes.RECORDING_DROPPED, f"{fault.reason}: could not be kept: {why}", who,
                                    value=float(file.dropped))
         else:
             if is_fault:
                 self._fault_path, self._fault_span_ns = str(file.path), fault.span_ns
             missing = "" if file.is_complete else f", not all of it: {why}"
-            self.own.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {file.path}{missing}", who)
+            self.node.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {file.path}{missing}", who)
         self._show()
 
     def _show(self, ended: NamedRecording | None = None) -> None:
@@ -236,7 +236,7 @@ class RecorderLoop(UserNode):
         if loses or self._disk.problem:
             why = self._disk.problem or "the disk is too slow"
             text = f"nothing is recorded into {self._folder} at present: {why}"
-        self.own.page.field("error")[...] = shorten(text, 399)
+        self.node.page.field("error")[...] = shorten(text, 399)
 
     def _tell(self, dropped: int) -> None:
         """Report losses in words, at most once per TOLD_NS."""
@@ -247,14 +247,14 @@ class RecorderLoop(UserNode):
         if problem or (lost and not before):
             self._told_ns = self._times.monotonic_ns
             why = problem or "the disk is too slow"
-            self.own.events.report(codes.RECORDING_DROPPED, f"{lost} messages were not recorded into {self._folder}: "
+            self.node.events.report(codes.RECORDING_DROPPED, f"{lost} messages were not recorded into {self._folder}: "
                                    f"{why}", self.name, value=float(lost))
         elif before:
-            self.own.events.status(f"recording has resumed; {lost} messages before that are missing", self.name)
+            self.node.events.status(f"recording has resumed; {lost} messages before that are missing", self.name)
 
     def quit(self) -> None:
         """End all files properly, if the disk is fast enough."""
-        if not hasattr(self, "_watch"):
+        if not hasattr(self, "_keeper"):
             return
         self._times.look()
         if self._named is not None and not self._named.is_ending:
@@ -272,7 +272,7 @@ class RecorderLoop(UserNode):
 
 def main() -> None:
     """Run the recorder."""
-    live("recorder", RecorderLoop)
+    runtime.run("recorder", RecorderLoop)
 
 
 if __name__ == "__main__":

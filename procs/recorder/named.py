@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.topics import TopicEntry
 from trocar.procs.recorder.disk import DiskFile
 from trocar.procs.recorder.sources import LocalTimes, RecordedRing, RecordedView, SystemSources, usual_views
@@ -13,7 +14,6 @@ from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 from trocar.shm.ring.ring import RingReader
-from trocar.shm.system.subscriptions import Subscriber
 
 CHUNK_NS: Final = 500_000_000
 CHUNK_BYTES: Final = 2 << 20
@@ -60,7 +60,7 @@ class NamedRecording:
         self.name, self.file, self._times, self._compression = name, file, times, compression
         self.seconds, self._begin_system_ns, self._since_ns = seconds, times.system_ns, times.local_ns
         self._chunk, self._chunk_ns, self._end_ns, self._end_system_ns = Chunk(), times.monotonic_ns, 0, 0
-        self._subscribers: dict[str, Subscriber] = {}
+        self._demand = Wanted(sources.system, names.NAMED, every=True)
         self._rings: dict[str, Drained] = {}
         self._log = [Drained(ring, ring.reader(), []) for ring in sources.rings.values() if ring.is_complete
                      and ring.topic != f"{sources.own}/state"]
@@ -77,7 +77,7 @@ class NamedRecording:
                 reader = source.reader(often=True)
                 self._rings[topic] = self._drained(sources, source, reader, entries)
             for entry in entries:
-                self._want(sources.system, entry)
+                self._demand.take(entry)
         except BaseException:
             self.close()
             raise
@@ -90,12 +90,6 @@ class NamedRecording:
         every = 1 if views else max(1, round(source.rate_hz / VIEWS_HZ))
         return Drained(source, reader, [RecordedView(sources.system, entry, sources.table, reader)
                                         for entry in views or usual_views(here)], every)
-
-    def _want(self, system: str, entry: TopicEntry) -> None:
-        groups = tuple(dict.fromkeys(field.group for field in entry.fields if field.group))
-        if entry.instance not in self._subscribers:
-            self._subscribers[entry.instance] = Subscriber(system, entry.instance, names.NAMED)
-        self._subscribers[entry.instance].want(entry.ring, *groups)
 
     @property
     def passed_s(self) -> float:
@@ -168,10 +162,8 @@ class NamedRecording:
 
     def close(self) -> None:
         """Drop all demand, and close the readers."""
-        for subscriber in self._subscribers.values():
-            subscriber.close()
+        self._demand.close()
         for each in (*self._rings.values(), *self._log):
             each.reader.close()
-        self._subscribers.clear()
 
 

@@ -3,29 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from trocar.procs.crtk.views import OpenTopic, frame_name
+from trocar.procs.node.node import NodeClock
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
 from trocar.procs.recordings.layout import ENCAPSULATION
 from trocar.procs.recordings.writing import ChannelTable
+from trocar.procs.ros_messages import cdr
 from trocar.procs.ros_messages.definitions import definition
 from trocar.procs.ros_messages.hashes import ros_name
-from trocar.procs.ros_messages.messages import Log, Time
+from trocar.procs.ros_messages.messages import LOG_LEVELS, Log, log_line
 from trocar.procs.ros_messages.packed_view import PackedView
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import local_ns, monotonic_ns
-from trocar.shm.time.system_time import SystemTime
 
-SECOND_NS: Final = 1_000_000_000
-LEVELS: Final = {1: 20, 2: 30, 3: 40}
-"""ROS levels of severities."""
 COMPLETE: Final = ("events", "audit")
 """Rings of which every record is kept, beginning with the oldest available."""
 VIEWS: Final = ("measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "local/setpoint_cp", "jaw/measured_js",
@@ -39,7 +40,7 @@ class LocalTimes:
     Valid between two calls of `look`, when both clocks are read.
     """
 
-    def __init__(self, time: SystemTime) -> None:
+    def __init__(self, time: NodeClock) -> None:
         self._time = time
         self.system_ns = self._since_ns = time.now_ns()
         self.monotonic_ns = monotonic_ns()
@@ -49,6 +50,16 @@ class LocalTimes:
         """Read all clocks."""
         self._since_ns, self._since_local_ns = self.system_ns, self.local_ns
         self.system_ns, self.monotonic_ns, self.local_ns = self._time.now_ns(), monotonic_ns(), local_ns()
+
+    @property
+    def now(self) -> tuple[int, int]:
+        """Real and system time, for `passed_ns`."""
+        return self.monotonic_ns, self.system_ns
+
+    def passed_ns(self, since: tuple[int, int]) -> int:
+        """Time since an earlier `now`; of simulated and real time, the one that has passed faster."""
+        real_ns, system_ns = self.monotonic_ns - since[0], self.system_ns - since[1]
+        return max(real_ns, system_ns) if self._time.simulated else real_ns
 
     def of(self, stamp_ns: int) -> int:
         """Time of day of a stamp; for simulated time, interpolated between the last two looks."""
@@ -125,6 +136,20 @@ class RecordedRing:
             count += 1
         return count
 
+    def copy(self) -> NDArray[Any]:
+        """All records in the ring, oldest first, for `keep_copied`."""
+        if self.sampler.epoch != self._epoch:
+            self.begin()
+        return self.sampler.last(self.sampler.depth)
+
+    def keep_copied(self, chunk: Chunk, rows: NDArray[Any], times: LocalTimes) -> None:
+        """Add copied records."""
+        data, begin = rows.view(np.uint8).reshape(-1).data, 0
+        for sequence, stamp in zip(rows["sequence"].tolist(), rows["stamp_ns"].tolist(), strict=True):
+            chunk.add(self._channel, sequence, times.of(stamp), max(0, stamp), ENCAPSULATION,
+                      data[begin : begin + self._size])
+            begin += rows.itemsize
+
     def close(self) -> None:
         """Unmap."""
         self.sampler.close()
@@ -139,14 +164,13 @@ class MessageLog:
 
     def keep(self, chunk: Chunk, reader: RingReader, times: LocalTimes) -> None:
         """Add the event read last, if it is a message."""
-        level = LEVELS.get(int(reader.field("severity")[()]))
-        if level is None:
+        severity = int(reader.field("severity")[()])
+        if severity not in LOG_LEVELS:
             return
         code, text, hint = (str(plain(reader.field(name).item())) for name in ("code", "text", "hint"))
         log_ns = times.of(reader.stamp_ns)
-        said = f"{text}; {hint}" if hint else text
-        message = Log(Time(*divmod(log_ns, SECOND_NS)), level, self._instance, said, code, "", 0)
-        chunk.add(self._channel, reader.sequence, log_ns, max(0, reader.stamp_ns), bytes(message.serialize()))
+        message = log_line(log_ns, self._instance, severity, text, hint, code)
+        chunk.add(self._channel, reader.sequence, log_ns, max(0, reader.stamp_ns), cdr.packed(message))
 
 
 class RecordedView:

@@ -68,7 +68,7 @@ def _unique(name: str, used: set[str]) -> str:
     """A field's name in a form that ROS allows: lower-case letters, digits and single underscores."""
     plain = re.sub(r"_+", "_", re.sub(r"[^a-z0-9]", "_", name.lower())).strip("_") or "field"
     plain = plain if plain[0].isalpha() else f"f_{plain}"
-    found = next(each for each in (plain, *(f"{plain}_{n}" for n in range(2, 1000))) if each not in used)
+    found = next(each for n in range(1, 1000) if (each := f"{plain}_{n}" if n > 1 else plain) not in used)
     used.add(found)
     return found
 

@@ -34,6 +34,7 @@ from trocar.procs.recordings.records import Piece, joined
 from trocar.procs.recordings.records import RecordedTopic as RecordedTopic
 from trocar.procs.recordings.records import Records as Records
 from trocar.procs.recordings.writing import MAGIC
+from trocar.shm.memory.closable import Closable
 from trocar.shm.memory.layout import LayoutError, schema_from_json, schema_of
 from trocar.shm.topics import AUDIT, EVENTS, Topic
 
@@ -72,7 +73,7 @@ class _ChunkPlace:
     length: int
 
 
-class RecordingReader:
+class RecordingReader(Closable):
     """One file; a context manager. Chunks are read on demand."""
 
     def __init__(self, path: Path) -> None:
@@ -325,12 +326,6 @@ class RecordingReader:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    def __enter__(self) -> RecordingReader:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 def _info(text: str) -> dict[str, Any]:

@@ -51,7 +51,7 @@ SLOWEST_RATIO, FASTEST_RATIO = 0.01, 0.5
 class RunningSystem:
     """The running system that an environment commands. It can be pickled.
 
-    `system`: default that of TROCAR_SYSTEM, else the only running one. `arms`: names of the arms, default those of the
+    `system`: default: TROCAR_SYSTEM, else the only running system. `arms`: names of the arms, default: those of the
     task. `reset_ratio`: speed and acceleration of the moves to start poses, as a fraction of the arms' limits (0.01 to
     0.5).
     """
@@ -77,7 +77,12 @@ class AttachedRobot(RobotBackend):
         """
         self._system, self._ratio = chosen_system(where.system or os.environ.get("TROCAR_SYSTEM")), where.reset_ratio
         self._stopped = ""
-        names = arm_names(self._system, where.arms or arms)
+        try:
+            names = arm_names(self._system, where.arms or arms)
+        except Problem as problem:
+            if where.arms:
+                raise
+            raise Problem(f"{problem} (other arms: backend=RunningSystem(arms=…))") from None
         types = [document_of(self._system).arm(name).type for name in names]
         if types != [kind] * len(jaws) or len(set(names)) < len(jaws):
             given = ", ".join(f"{name} ({type_})" for name, type_ in zip(names, types, strict=True))

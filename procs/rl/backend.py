@@ -14,10 +14,10 @@ BACKENDS: Final = (KINEMATIC, BOARDS, ATTACHED)
 
 
 class RobotStopped(RuntimeError):
-    """The robot of an environment has stopped, and a person must check it: nothing here enables it again.
+    """The robot of an environment has stopped, and an operator must check it; the environment never enables it again.
 
     A fault, a stall or a refused move has ended the environment's permission; the text gives the reason. Once the robot
-    is in order (`trocar status`, `trocar home`), make a new environment: that is the command to continue.
+    is in order (`trocar status`, `trocar home`), make a new environment; that counts as the command to continue.
     """
 
 

@@ -40,7 +40,7 @@ OPTIONS: Final = ("start", "goal")
 
 
 class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
-    """A task for arms of the real stack; subclasses define it. Pickled, it is made again from its arguments."""
+    """A task for arms of the real stack; subclasses define it. Unpickling makes it again from its arguments."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  # as in Gymnasium
     FILES: ClassVar[Mapping[str, str]] = {}
@@ -144,7 +144,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Start an episode. `options`: "start", number of a start pose; "goal", the goal (GOAL,).
 
-        Attached, the arms move there slowly; RobotStopped if a person must check them first.
+        With a running system the arms move there slowly; RobotStopped if an operator must check them first.
         """
         self._check_open()
         super().reset(seed=seed)
@@ -285,11 +285,11 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     # the task
 
     def begin_task(self, random: np.random.Generator) -> None:
-        """An episode begins, and the arms have been read: draw `goal`, from this generator alone."""
+        """Called when an episode begins, after reading the arms: draw `goal`, only from this generator."""
         raise NotImplementedError
 
     def go_on(self) -> None:
-        """A step has passed, and the arms have been read: update goals and objects."""
+        """Called after each step and after reading the arms: update goals and objects."""
 
     def achieved(self) -> Array:
         """The achieved goal (GOAL,), as observed."""
@@ -332,7 +332,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         return []
 
     def close(self) -> None:
-        """Close it; attached, the arms hold."""
+        """Close it; with a running system, the arms hold."""
         if self._picture is not None:
             self._picture.close()
             self._picture = None

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.procs.machine.extras import missing
 from trocar.procs.rl.scene import BALL, BOX, ROD, TUBE, Drawn
 
 GEOMS: Final = {BALL: mujoco.mjtGeom.mjGEOM_ELLIPSOID, ROD: mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -43,6 +44,8 @@ def _context(width: int, height: int) -> Any:
 
     A process can have one method only: PyOpenGL keeps the first one for which it was loaded.
     """
+    if lacks := missing("OpenGL"):
+        raise PictureError(lacks)
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     ways = [way for way in ((wanted,) if wanted in WAYS else WAYS) if _is_there(WAYS[way])]
     why = f"{' and '.join(WAYS.values())} are not there"

@@ -126,7 +126,7 @@ PUSH_M: Final = (0.010, 0.022)
 
 
 class PsmPush(PsmReach):
-    """Push a block over the table to a place. Goals are places (3,) of its middle, in m."""
+    """Push a block over the table to a position. Goals are positions (3,) of its centre, in m."""
 
     FLOOR_M: ClassVar[float] = 0.035
     EXTRA: ClassVar[tuple[str, ...]] = (*(f"block {axis} [m]" for axis in "xyz"),

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
+from trocar.procs.machine.extras import missing
 from trocar.procs.rl.rollouts import Episode, EpisodeRunner, RolloutTask, check
 
 QUIET: Final = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_DEDUP_LOGS": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
@@ -46,10 +47,10 @@ def running_ray(actors: int, address: str = "") -> Iterator[Any]:
     Our own keeps its files in a temporary folder, which is removed. RolloutError: no Ray, or no cluster.
     """
     os.environ.update({key: value for key, value in QUIET.items() if key not in os.environ})
-    try:
-        import ray
-    except ImportError:
-        raise RolloutError("Ray is not installed: pip install 'trocar[ray]'") from None
+    if lacks := missing("ray"):
+        raise RolloutError(lacks)
+    import ray
+
     with _told():
         _answers(address)
     with contextlib.ExitStack() as held:

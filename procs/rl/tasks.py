@@ -30,7 +30,7 @@ def in_ball(random: np.random.Generator, radius: float) -> Array:
 
 
 class PsmReach(RobotEnv):
-    """Bring the tip of a PSM to a place. Goals are places (3,) of the tip, in m."""
+    """Bring the tip of a PSM to a position. Goals are positions (3,) of the tip, in m."""
 
     FILES: ClassVar[Mapping[str, str]] = {KINEMATIC: "kinematic.yaml", BOARDS: "demo.yaml"}
     ARMS: ClassVar[tuple[str, ...]] = ("PSM1",)

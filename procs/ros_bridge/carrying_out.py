@@ -21,11 +21,13 @@ from trocar.procs.crtk.held import Held, ending, presses
 from trocar.procs.crtk.joint_order import JointNames, WrongNames, in_order
 from trocar.procs.crtk.last_look import LastLook
 from trocar.procs.document.bridges import RosBridge
-from trocar.procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, frame_of, no_text
+from trocar.procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic
 from trocar.procs.ros_bridge.publishing import ros_topic
-from trocar.procs.ros_bridge.refusals import Refusals
+from trocar.procs.ros_messages.command_messages import frame_of, no_text
 from trocar.procs.ros_messages.dds import Participant, TopicReader
 from trocar.procs.ros_messages.messages import JointStates
+from trocar.procs.ros_messages.nodes import NodeNames
+from trocar.procs.ros_messages.refusals import Refusals
 from trocar.shm.commands import may_power
 from trocar.shm.mailbox.client import Client, MailboxFull
 from trocar.shm.mailbox.command_row import CommandRow
@@ -85,6 +87,7 @@ class Commands:
         self._streaming: set[int] = set()  # peers whose first message, soon after our start, was one of a stream
         self._bridge, self._say, self._system = bridge, refusals.say, system
         self._peers, self._peer_of = itertools.count(1), lru_cache(MAX_PEERS)(self._next_peer)
+        self._nodes = NodeNames(participant)
         self._clients: dict[tuple[str, int], Client] = {}
         """By instance and peer; that without a peer keeps our place in the mailbox."""
         self._open: dict[Client, set[int]] = {}
@@ -102,6 +105,7 @@ class Commands:
 
     def take(self) -> list[PendingCommand]:
         """All received commands, those of each node in the order in which it published them."""
+        self._nodes.look()
         came = [(asked, message) for asked in self._asked
                 for message in asked.reader.take(partial(self._say, asked.to))]
         came.sort(key=lambda each: int(each[1].sample_info.source_timestamp))
@@ -155,10 +159,11 @@ class Commands:
                 self._sender(asked, message).pass_over()
 
     def _sender(self, asked: AskedTopic, message: Any) -> Client:
-        peer = self._peer(asked.reader, message)
+        peer, name = self._peer(asked.reader, message)
         if asked.row.row.stream and monotonic_ns() < self._joined_ns and all(key[1] != peer for key in self._clients):
             self._streaming.add(peer)
         client = self._client(asked.to, peer)
+        client.program = name or client.program
         self._last_look.mark(client)
         return client
 
@@ -170,10 +175,12 @@ class Commands:
             raise ValueError(f"frame {frame}; it takes no frame; trocar: {{ros: {{check_frames: false}}}} ignores it")
         return frame
 
-    def _peer(self, reader: TopicReader[Any], message: Any) -> int:
-        """Which ROS participant sent it: nodes of one process are one; 0: it has gone."""
+    def _peer(self, reader: TopicReader[Any], message: Any) -> tuple[int, str]:
+        """Which ROS participant sent it, and its name: nodes of one process are one; 0: it has gone."""
         writer = reader.writer(message.sample_info.publication_handle)
-        return 0 if writer is None else self._peer_of(writer.participant_key)
+        if writer is None:
+            return 0, ""
+        return self._peer_of(writer.participant_key), self._nodes.of(writer.participant_key)
 
     def _next_peer(self, participant: UUID) -> int:
         return next(self._peers)
@@ -187,7 +194,7 @@ class Commands:
                 gone = self._clients.pop(others[0])
                 self._open.pop(gone, None)
                 gone.close()
-            client = self._clients[to, peer] = Client(self._system, to, "ros_bridge", peer=peer)
+            client = self._clients[to, peer] = Client(self._system, to, "ros_bridge", peer=peer, holder="ros_bridge")
             if peer in self._streaming:
                 client.join()
         return client

@@ -11,20 +11,18 @@ from cyclonedds.idl import IdlStruct
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.views import Stamps
-from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, OF_EVENT, stamped, time_of
+from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, OF_EVENT, stamped
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_bridge.shown import ShownTopics
 from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
-from trocar.procs.ros_messages.messages import Bool, Joy, Log, OperatingState, String
+from trocar.procs.ros_messages.messages import Bool, Joy, Log, OperatingState, String, log_line, time_of
 from trocar.shm.ring.ring import RingReader
-from trocar.shm.system.events import ERROR, STATUS, WARNING
+from trocar.shm.system.events import STATUS
 
 PRESS: Final = b"button"
 """The event of io's digital inputs; `component` is the name of one."""
 REMEMBERED: Final = 20
 NOT_SHOWN: Final[tuple[None, list[TopicWriter[Any]]]] = (None, [])
-LEVELS: Final = {STATUS: 20, WARNING: 30, ERROR: 40}
-"""Of /rosout."""
 RECENT_NS: Final = 1_000_000_000
 """An instance that has reported a refusal itself has done so at most this long before its answer."""
 REPEAT_NS: Final = 100_000_000
@@ -58,8 +56,9 @@ class EventTopics:
     """The events of one instance, in order of occurrence."""
 
     def __init__(self, participant: Participant, instance: str, shown: ShownTopics, ring: RingReader,
-                 names: Iterable[str], rosout: Callable[[Log], None]) -> None:
-        """`names` are those of the events that there are."""
+                 names: Iterable[str], rosout: Callable[[Log], None], repeats: Iterable[str] = ()) -> None:
+        """`names` are those of the events that there are; `repeats`: processes whose messages it repeats."""
+        self._repeats = {name.encode() for name in repeats}
         self._ring, self._name, self._rosout = ring, instance, rosout
         self._fields = {name: ring.field(name) for name in ring.dtype.names or () if name not in ("sequence",)}
         self._rows: dict[bytes, tuple[type[IdlStruct], list[TopicWriter[Any]]]] = {}
@@ -91,7 +90,7 @@ class EventTopics:
         while ring.next():
             event = {name: cell[()] for name, cell in fields.items()}
             self._tell(event, stamps.ns(ring.stamp_ns), now_ns)
-            if event["severity"]:
+            if event["severity"] and bytes(event["component"]) not in self._repeats:
                 self._log(event, stamps.ns(ring.stamp_ns))
             if event["severity"] > STATUS:
                 self._reported.append((ring.stamp_ns, str(plain(event["text"]))))
@@ -145,5 +144,4 @@ class EventTopics:
 
     def _log(self, event: dict[str, Any], ros_ns: int) -> None:
         text, hint = (bytes(event[name]).rstrip(b"\0").decode(errors="replace") for name in ("text", "hint"))
-        level = LEVELS.get(int(event["severity"]), LEVELS[STATUS])
-        self._rosout(Log(time_of(ros_ns), level, self._name, f"{text}; {hint}" if hint else text))
+        self._rosout(log_line(ros_ns, self._name, int(event["severity"]), text, hint))

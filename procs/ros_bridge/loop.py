@@ -14,28 +14,28 @@ from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.joint_order import JointNames
 from trocar.procs.crtk.last_look import LastLook
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
-from trocar.procs.crtk.views import OpenTopic, Stamps
+from trocar.procs.crtk.views import OpenTopic, Stamps, state_as_event
 from trocar.procs.document.system import SystemConfig
+from trocar.procs.node import runtime
 from trocar.procs.node.pacing import duration
+from trocar.procs.node.setup_error import SetupError
 from trocar.procs.ros_bridge.carrying_out import Addressee, Commands
 from trocar.procs.ros_bridge.events import EventTopics
-from trocar.procs.ros_bridge.outgoing import time_of
 from trocar.procs.ros_bridge.periodic import Descriptions, LoopStatistics, Throttle, TipFrames
 from trocar.procs.ros_bridge.publishing import RecordTopics
-from trocar.procs.ros_bridge.refusals import Refusals
 from trocar.procs.ros_bridge.services import Services
 from trocar.procs.ros_bridge.shown import READ_WRITE, ShownTopics
 from trocar.procs.ros_messages.dds import EVENT_DEPTH, Participant
-from trocar.procs.ros_messages.messages import Clock, Log, OperatingState
+from trocar.procs.ros_messages.messages import Clock, Log, OperatingState, time_of
+from trocar.procs.ros_messages.refusals import Refusals
 from trocar.procs.ros_messages.replier import Replier
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 from trocar.procs.tables import codes
-from trocar.procs.user.loop import live
-from trocar.procs.user.process import UserNode
+from trocar.procs.user.process import UserLoop
 from trocar.shm.mailbox.origins import ACTING
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
-from trocar.shm.time.clock import boottime_ns
+from trocar.shm.time.clock import boottime_ns, local_ns, monotonic_ns
 from trocar.shm.time.control_page import ControlPage
 
 IDLE_NS: Final = 100_000_000
@@ -66,16 +66,17 @@ def addressees(system: SystemConfig) -> list[Addressee]:
     ]
 
 
-class RosLoop(UserNode):
+class RosLoop(UserLoop):
     """See above."""
 
     def setup(self) -> None:
         """Join the domain, and create all endpoints that ROS discovery looks for."""
         ACTING.origin = None  # commands over ROS count as a person's, as at the command line
-        document = self.own.document
+        document = self.node.document
         row = document.ros
         if row is None:
             raise ValueError(f"{self.system} has no ROS bridge")
+        self._day_ns = local_ns() - monotonic_ns()
         self.participant = participant = Participant(row.domain, row.interface, self.name, f"/{row.namespace}")
         self._stamps = Stamps(self.time.simulated)
         self._rosout = participant.writer("/rosout", Log, EVENT_DEPTH)
@@ -86,21 +87,21 @@ class RosLoop(UserNode):
         self._publish_all(ShownTopics(document, row))
         arms = [each for each in asked if each.kind == "arm"]
         refusals = Refusals(self._refused, self.time.now_ns)
-        self._last_look = LastLook(self.own.faults().generation)
+        self._last_look = LastLook(self.node.faults().generation)
         self._incoming = Commands(participant, self.system, asked, row, refusals, cache(self._joints), self._last_look,
                                   self._refuse_move)
         states = {arm.name: partial(self._state_of, arm.name) for arm in arms}
         replier = Replier(row.domain, row.interface)
         self.services = Services(participant, replier, self.system, arms, states, refusals, self.time.now_ns)
         for part in (self._incoming, self.services):
-            self.own.hold(part)
+            self.node.hold(part)
         self._clock = participant.writer("/clock", Clock) if self.time.simulated else None
         self._throttled = [Throttle(IDLE_NS, Descriptions(participant, document.arms, self._reads).step)]
         if row.tf:
             frames = TipFrames(participant, document.arms, self._reads, self._stamps)
             self._throttled.append(Throttle(FRAMES_NS, frames.step))
         if row.stats:
-            pages = {each.name: self.own.hold(ControlPage(self.system, each.name)) for each in document.processes}
+            pages = {each.name: self.node.hold(ControlPage(self.system, each.name)) for each in document.processes}
             self._throttled.append(Throttle(STATISTICS_NS, LoopStatistics(participant, pages, self._stamps).step))
         self._awake_ns, self._deaf_until_ns, self._forgets_all = boottime_ns(), 0, False
         self._idle_until_ns = 0
@@ -108,41 +109,39 @@ class RosLoop(UserNode):
 
     def _reads(self, instance: str, ring: str) -> RingReader:
         """Released with our place; reading does not subscribe, so on-demand processes do not start."""
-        return self.own.hold(directory.reader(self.system, instance, ring))
+        return self.node.hold(directory.reader(self.system, instance, ring))
 
     def _joints(self, view: str) -> JointNames:
         entry = self._entries[view]
         return JointNames(OpenTopic(self.system, entry, self._reads(entry.instance, entry.ring)))
 
     def _publish_all(self, shown: ShownTopics) -> None:
-        demand = self.own.hold(Wanted(self.system, "ros_bridge"))
+        demand = self.node.hold(Wanted(self.system, "ros_bridge"))
         rings: dict[tuple[str, str], list[TopicEntry]] = {}
         for entry in self._entries.values():
             if not entry.problem or entry.kind != RECORD:
                 rings.setdefault((entry.instance, entry.ring), []).append(entry)
+        reporting = {instance for instance, ring in rings if ring == "events"}
         for (instance, ring), entries in rings.items():
+            entries = [shown.as_view(entry) for entry in entries]
             if ring == "events":
                 found = [entry.event for entry in entries if entry.kind == EVENT]
+                repeats = reporting - {instance} if shown.kinds.get(instance) == "system" else ()
                 self.events[instance] = EventTopics(self.participant, instance, shown, self._reads(instance, ring),
-                                                    found, self._rosout.write)
-            elif ring == "state":
-                views = [(entry, name) for entry in entries if entry.kind in VIEW_MESSAGES
-                         for name in shown.views(entry)]
-                if views or shown.fields(instance):
-                    self.records.append(RecordTopics(self.participant, demand, instance, self._reads(instance, ring),
-                                                     views, shown.fields(instance)))
+                                                    found, self._rosout.write, repeats)
+                continue
+            views = [(entry, name) for entry in entries if entry.kind in VIEW_MESSAGES for name in shown.views(entry)]
+            fields = shown.fields(instance, ring)
+            if views or fields:
+                self.records.append(RecordTopics(self.participant, demand, instance, self._reads(instance, ring),
+                                                 views, fields))
         self._begin_states()
 
     def _begin_states(self) -> None:
         """The operating states there are before anything happens."""
         for instance, events in self.events.items():
-            if events.state is None:
-                continue
-            reader = directory.reader(self.system, instance, "state", often=False)
-            if reader.newest():
-                state, homed, busy = (reader.field(name) for name in ("state", "is_homed", "is_busy"))
-                events.begin(state.item().decode(errors="replace"), bool(homed), bool(busy))
-            reader.close()
+            if events.state is not None and (row := state_as_event(self.system, self._entries[f"{instance}/state"])):
+                events.begin(row["state"], row["is_homed"], row["is_busy"])
 
     def _state_of(self, arm: str) -> OperatingState:
         told = self.events[arm].state
@@ -150,7 +149,7 @@ class RosLoop(UserNode):
 
     def _refused(self, to: str, text: str, has_remedy: bool) -> None:
         """Report a refusal as ours, which /rosout repeats, and on the topic of the instance that it was for."""
-        self.own.events.report(codes.ROS_REFUSED, text, self.name, has_remedy=has_remedy)
+        self.node.events.report(codes.ROS_REFUSED, text, self.name, has_remedy=has_remedy)
         if to in self.events:
             self.events[to].refuse(text)
 
@@ -163,7 +162,7 @@ class RosLoop(UserNode):
 
         A stall is checked after taking the messages and before each one: some may have arrived during the stall.
         """
-        came = self.participant.wait(min(left_ns, round(self.own.row.period_s * 1e9)))
+        came = self.participant.wait(min(left_ns, round(self.node.row.period_s * 1e9)))
         if boottime_ns() >= self._deaf_until_ns:
             self._last_look.look()
         for wish in self._incoming.take() if came else ():
@@ -181,15 +180,26 @@ class RosLoop(UserNode):
         now, before, self._awake_ns = boottime_ns(), self._awake_ns, boottime_ns()
         if now - before > STREAM_NS:
             self._deaf_until_ns = now + DEAF_NS
-        if now - before > self.own.late_s * 1e9:
+        if now - before > self.node.late_s * 1e9:
             self._forgets_all = True
-            self.own.events.report(codes.HELD_UP, f"{self.name} stalled for {duration(now - before)}; messages "
+            self.node.events.report(codes.HELD_UP, f"{self.name} stalled for {duration(now - before)}; messages "
                                    "received meanwhile were dropped", self.name, value=(now - before) * 1e-9,
-                                   limit=self.own.late_s)
+                                   limit=self.node.late_s)
         if now >= self._deaf_until_ns:
             self._forgets_all = False
             return False
         return is_of_stream or self._forgets_all
+
+    def _look_at_clock(self) -> None:
+        """End when the time of day has been set back: the next bridge joins the domain again.
+
+        The threads of Cyclone DDS wait by the time of day (see Arrivals). They would be late by the step: nodes that
+        start would not find the bridge, others would lose it.
+        """
+        day_ns = local_ns() - monotonic_ns()
+        back_ns, self._day_ns = self._day_ns - day_ns, day_ns
+        if back_ns > self.node.late_s * 1e9:
+            raise SetupError(f"the time of day was set back by {duration(back_ns)}; the bridge joins ROS again")
 
     def update(self) -> None:
         """Publish everything. Without readers, publish only the data for late subscribers, and less often.
@@ -197,6 +207,7 @@ class RosLoop(UserNode):
         A new reader is served in the same period: clients request values as soon as they are connected.
         """
         now, stamps = self.time.now_ns(), self._stamps
+        self._look_at_clock()
         if self.participant.look():
             for record in self.records:
                 record.look()
@@ -221,7 +232,7 @@ class RosLoop(UserNode):
 
 def main() -> None:
     """Run it to its end."""
-    live("ros_bridge", RosLoop)
+    runtime.run("ros_bridge", RosLoop)
 
 
 if __name__ == "__main__":

@@ -14,18 +14,12 @@ from cyclonedds.idl import IdlStruct
 from numpy.typing import NDArray
 
 from trocar.procs.crtk.plain import plain
-from trocar.procs.ros_messages.messages import Bool, Empty, Float64, Joy, OperatingState, String, Time
+from trocar.procs.ros_messages.messages import Bool, Empty, Float64, Joy, OperatingState, String, time_of
 
 PRESSED: Final = {"released": 0, "pressed": 1, "clicked": 2}
-SECOND_NS: Final = 1_000_000_000
 Row = dict[str, Any]
 Cell = NDArray[Any]
 M = TypeVar("M")
-
-
-def time_of(ns: int) -> Time:
-    """As ROS has it."""
-    return Time(*divmod(ns, SECOND_NS))
 
 
 def stamped(message: M, ns: int) -> M:

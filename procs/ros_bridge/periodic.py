@@ -11,7 +11,6 @@ from trocar.procs.crtk.views import Stamps
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.inverse.arms import carrying
 from trocar.procs.kinematics.urdf import urdf
-from trocar.procs.ros_bridge.outgoing import time_of
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_messages.dds import LATCHED, Participant
 from trocar.procs.ros_messages.messages import (
@@ -23,6 +22,7 @@ from trocar.procs.ros_messages.messages import (
     Transform,
     TransformStamped,
     Vector3,
+    time_of,
 )
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.time.control_page import ControlPage
@@ -64,7 +64,7 @@ class Descriptions:
             carried = str(plain(tool.item())) if ring.newest() else ""
             if self._told.get(arm.name) != carried:
                 self._told[arm.name] = carried
-                writer.write(String(urdf(ros_topic(arm.name), carrying(arm, carried))))
+                writer.write(String(urdf(ros_topic(arm.name), carrying(arm, carried), arm.meshes)))
 
 
 class TipFrames:

@@ -63,7 +63,7 @@ class RecordTopics:
             if view.writer.is_read is not view.is_wanted:
                 view.is_wanted = view.writer.is_read
                 self._wanted = [each for each in self.views if each.is_wanted]
-                (self._demand.take if view.is_wanted else self._demand.leave)(view.source)
+                (self._demand.take if view.is_wanted else self._demand.leave)(view.source.entry)
 
     def step(self, stamps: Stamps) -> None:
         """The newest record to its readers; fields published on change only if they have changed."""

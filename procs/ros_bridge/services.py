@@ -15,9 +15,8 @@ import numpy as np
 from cyclonedds.idl import IdlStruct
 
 from trocar.procs.ros_bridge.carrying_out import Addressee
-from trocar.procs.ros_bridge.incoming import pose_numbers
 from trocar.procs.ros_bridge.publishing import ros_topic
-from trocar.procs.ros_bridge.refusals import Refusals
+from trocar.procs.ros_messages.command_messages import pose_numbers
 from trocar.procs.ros_messages.dds import Participant
 from trocar.procs.ros_messages.hashes import dds_name, type_hash
 from trocar.procs.ros_messages.messages import (
@@ -34,6 +33,7 @@ from trocar.procs.ros_messages.messages import (
     TriggerRequest,
     TriggerResponse,
 )
+from trocar.procs.ros_messages.refusals import Refusals
 from trocar.procs.ros_messages.replier import Replier, ServiceRequest
 from trocar.procs.ros_messages.view_messages import pose_of
 from trocar.shm.mailbox.client import Client, MailboxFull

@@ -6,10 +6,14 @@ keys, and hashes of types in the user data of each endpoint. Services have a par
 
 from __future__ import annotations
 
+import os
+import select
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from io import FileIO
 from typing import Any, Final, Generic, TypeVar
 
-from cyclonedds.core import DDSException, DDSStatus, WaitSet
+from cyclonedds.core import DDSException, DDSStatus, Listener, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.pub import DataWriter
@@ -30,6 +34,7 @@ LARGEST: Final = "256 kB"
 """Maximum message size; reading a larger one would block the process."""
 PARTICIPANTS: Final = 120  # on one machine, of one domain; each is one of ROS's processes
 EPROSIMA: Final = "1.15"
+ONE: Final = (1).to_bytes(8, "little")
 
 Message = TypeVar("Message", bound=IdlStruct)
 
@@ -91,7 +96,7 @@ class TopicReader(Generic[Message]):
         an unreadable one.
         """
         found: list[Message] = []
-        for _ in range(self._depth):
+        for _ in range(self._depth + 1):  # and one that only reports a departed writer
             try:
                 taken = self._reader.take(1)
             except DDSException:
@@ -115,13 +120,45 @@ class TopicReader(Generic[Message]):
         return self._reader.get_matched_publication_data(handle)
 
     @property
+    def is_published(self) -> bool:
+        """Whether there is a program that publishes the topic."""
+        return bool(self._reader.get_subscription_matched_status().current_count)  # type: ignore[no-untyped-call]
+
+    @property
     def entity(self) -> DataReader[Any]:
-        """For a WaitSet."""
+        """The reader of the library."""
         return self._reader
 
 
 def _gid(entity: DataWriter[Any] | DataReader[Any]) -> Gid:
     return Gid(entity.get_guid().bytes)
+
+
+class Arrivals:
+    """Wakes one thread when data arrives. Close it after its readers.
+
+    A wait of the library ends by the time of day (its wheels lack pthread_condattr_setclock): when that is set back by
+    an hour, the wait takes an hour longer.
+    """
+
+    def __init__(self) -> None:
+        self._event = FileIO(os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC), "r+")
+        self._poll = select.poll()
+        self._poll.register(self._event, select.POLLIN)
+        self.listener = Listener(on_data_available=self._came)  # type: ignore[no-untyped-call]
+        """For readers."""
+
+    def _came(self, reader: Any) -> None:
+        with suppress(ValueError):  # closed
+            self._event.write(ONE)
+
+    def wait(self, timeout_ns: int) -> bool:
+        """Whether data has arrived since the last call; waits at most this long."""
+        return bool(self._poll.poll(max(0, timeout_ns) / 1e6)) and self._event.read(len(ONE)) is not None
+
+    def close(self) -> None:
+        """Release its file."""
+        self._event.close()
 
 
 class Participant:
@@ -136,7 +173,7 @@ class Participant:
         except DDSException as error:
             why = lacks_interface(interface) or error.msg
             raise DdsError(f"ROS domain {domain} on interface {interface}: {why}") from error
-        self._waitset, self._matches = WaitSet(self._participant), WaitSet(self._participant)
+        self._arrivals, self._matches = Arrivals(), WaitSet(self._participant)
         self.is_read = False
         """One of our topics has a subscriber."""
         self.writers: list[TopicWriter[Any]] = []
@@ -154,21 +191,26 @@ class Participant:
         self.writers.append(made)
         return made
 
-    def reader(self, topic: str, message: type[Message], depth: int = DEPTH) -> TopicReader[Message]:
-        """A topic of others. Never messages latched before we joined: old commands are not for us."""
-        return self.read_as(f"rt/{self.full_name(topic)}", message, depth)
+    def reader(self, topic: str, message: type[Message], depth: int = DEPTH, *,
+               wakes: bool = True) -> TopicReader[Message]:
+        """A topic of others. Never messages latched before we joined: old commands are not for us.
 
-    def read_latched(self, topic: str, message: type[Message], depth: int) -> TopicReader[Message]:
+        `wakes`: its messages end `wait`.
+        """
+        return self.read_as(f"rt/{self.full_name(topic)}", message, depth, wakes=wakes)
+
+    def read_latched(self, topic: str, message: type[Message], depth: int, *,
+                     wakes: bool = True) -> TopicReader[Message]:
         """A topic of others, with latched messages: for states, not for commands."""
-        return self.read_as(f"rt/{self.full_name(topic)}", message, depth, latched=True)
+        return self.read_as(f"rt/{self.full_name(topic)}", message, depth, latched=True, wakes=wakes)
 
-    def read_as(self, name: str, message: type[IdlStruct], depth: int, *, latched: bool = False) -> TopicReader[Any]:
+    def read_as(self, name: str, message: type[IdlStruct], depth: int, *, latched: bool = False,
+                wakes: bool = True) -> TopicReader[Any]:
         """Read the DDS topic `name`."""
         durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
         qos = self._qos((durability, Policy.History.KeepLast(depth)), message)
-        entity = DataReader(self._participant, Topic(self._participant, name, message), qos)
-        entity.set_status_mask(DDSStatus.DataAvailable)
-        self._waitset.attach(entity)
+        entity = DataReader(self._participant, Topic(self._participant, name, message), qos,
+                            self._arrivals.listener if wakes else None)
         made: TopicReader[Any] = TopicReader(entity, name, depth)
         self.readers.append(made)
         return made
@@ -188,8 +230,8 @@ class Participant:
         return Qos(Policy.Reliability.Reliable(BLOCKING_NS), *policies, Policy.Userdata(told))
 
     def wait(self, timeout_ns: int) -> bool:
-        """Wait for data, at most this long; returns whether there is any."""
-        return bool(self._waitset.wait(max(0, timeout_ns)))
+        """Wait for data, at most this long; returns whether any has arrived since the last call."""
+        return self._arrivals.wait(timeout_ns)
 
     def look(self) -> bool:
         """Update `TopicWriter.is_read` of all writers; returns whether any subscribers changed."""
@@ -208,10 +250,13 @@ class Participant:
 
     def close(self) -> None:
         """Leave the domain; others see it at once."""
+        for reader in self.readers:
+            reader.entity.set_listener(None)  # it must not call an interpreter that ends
         self.writers.clear()
         self.readers.clear()
-        for part in ("_graph", "_waitset", "_matches", "_participant", "_domain"):
+        for part in ("_graph", "_matches", "_participant", "_domain"):
             delattr(self, part)
+        self._arrivals.close()
 
 
 def _latched(depth: int) -> tuple[Any, ...]:

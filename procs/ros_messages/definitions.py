@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from cyclonedds.idl import IdlStruct
-
 from trocar.procs.ros_messages.hashes import ARRAY, BOOLEAN, NESTED, SEQUENCE, STRING, TYPE_IDS, described
+from trocar.procs.ros_messages.idl import IdlStruct
 
 SEPARATOR: Final = "=" * 80
 WORDS: Final = {number: word for word, number in TYPE_IDS.items()} | {BOOLEAN: "bool", STRING: "string"}

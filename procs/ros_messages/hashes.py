@@ -6,7 +6,7 @@ import hashlib
 import json
 from typing import Any, Final
 
-from cyclonedds.idl import IdlStruct
+from trocar.procs.ros_messages.idl import IdlStruct
 
 NESTED: Final = 1
 TYPE_IDS: Final = {"uint8": 3, "int32": 6, "uint32": 7, "int64": 8, "float32": 10, "float64": 11}

@@ -5,21 +5,21 @@ is defined once.
 """
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
-from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float32, float64, int32, int64, uint8, uint32
+from trocar.procs.ros_messages.idl import (
+    IdlStruct,
+    Name,
+    Octets,
+    float32,
+    float64,
+    int32,
+    int64,
+    sequence,
+    uint8,
+    uint32,
+)
 
-# No postponed annotations: cyclonedds evaluates the types when a class is made. Its descriptions are lists for us.
-if TYPE_CHECKING:
-    sequence = list
-    Octets = bytes
-    Name = str
-else:
-    from cyclonedds.idl.types import array, bounded_str, sequence
-
-    Octets = array[uint8, 16]
-    Name = bounded_str[256]
+# No postponed annotations: cyclonedds evaluates the types when a class is made.
 
 
 @dataclass
@@ -369,3 +369,17 @@ class ConvertFloat64ArrayResponse(IdlStruct, typename="cisst_msgs.srv.dds_.Conve
     """The converted values."""
 
     output: sequence[float64] = field(default_factory=list)
+
+
+LOG_LEVELS = {1: 20, 2: 30, 3: 40}
+"""Levels of /rosout, by severity of an event."""
+
+
+def time_of(ns: int) -> Time:
+    """A time in ns as ROS has it."""
+    return Time(*divmod(ns, 1_000_000_000))
+
+
+def log_line(ns: int, name: str, severity: int, text: str, hint: str, code: str = "") -> Log:
+    """A message of process `name` as a line of /rosout."""
+    return Log(time_of(ns), LOG_LEVELS.get(severity, LOG_LEVELS[1]), name, f"{text}; {hint}" if hint else text, code)

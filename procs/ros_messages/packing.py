@@ -1,6 +1,6 @@
-"""Messages with changing numbers but mostly constant texts and sizes: packed once by cyclonedds, then only the numbers.
+"""Messages with changing numbers but mostly constant texts and sizes: packed once, then only the numbers.
 
-cyclonedds writes a message part by part in Python, 15 to 25 µs each; putting new numbers into its output takes 2.
+Packing a message part by part takes 15 to 25 µs in Python; putting new numbers into the bytes takes 2.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
-from cyclonedds.idl import IdlStruct
 from numpy.typing import NDArray
+
+from trocar.procs.ros_messages.cdr import packed
+from trocar.procs.ros_messages.idl import IdlStruct
 
 Numbers = Sequence[NDArray[np.float64]]
 Put = Callable[[Any, list[list[float]]], None]
@@ -54,7 +56,7 @@ class PackedMessage:
         firsts = np.cumsum([0, *map(len, blocks)])
         self._put(self.message, [MARKS[k : k + len(block)].tolist()
                                  for k, block in zip(firsts.tolist(), blocks, strict=False)])
-        self.data = bytearray(self.message.serialize())
+        self.data = bytearray(packed(self.message))
         self._places = []
         for k, block in zip(firsts.tolist(), blocks, strict=False):
             at = self.data.find(MARKS[k].tobytes()) if len(block) else 0

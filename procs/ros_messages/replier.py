@@ -12,7 +12,7 @@ a reply waits until its reader has acknowledged a heartbeat.
 from __future__ import annotations
 
 import os
-import select
+import selectors
 import socket
 import struct
 from collections import deque
@@ -120,6 +120,9 @@ class Replier:
         else:
             self._everyone = [(MULTICAST, self._base)]
             self._sockets.append(self._hears_multicast())
+        self._selector = selectors.PollSelector()
+        for each in self._sockets:
+            self._selector.register(each, selectors.EVENT_READ, each)
         self._services: dict[bytes, ServiceEndpoint] = {}
         self._topics: dict[str, ServiceEndpoint] = {}
         self._sedp: dict[bytes, list[bytes]] = {WRITERS_OUT: [], READERS_OUT: []}
@@ -170,10 +173,10 @@ class Replier:
         """Read what came, keep discovery going; returns the requests."""
         found: list[ServiceRequest] = []
         for _ in range(PACKETS):
-            ready = select.select(self._sockets, [], [], 0.0)[0]
-            for each in ready:
+            ready = self._selector.select(0.0)
+            for key, _ in ready:
                 with suppress(OSError):  # an earlier packet found no receiver
-                    packet, sender = each.recvfrom(LARGEST)
+                    packet, sender = key.data.recvfrom(LARGEST)
                     for one in rtps.messages(packet, self._prefix):
                         found += self._take(one, packet[6:8], sender[0], now_ns)
             if not ready:
@@ -212,8 +215,7 @@ class Replier:
             return [request for each in turn if (request := _request(each, client)) is not None]
         return []
 
-    def _received(self, one: Submessage, inbox: Inbox, reader: bytes, to: bytes,
-                  address: Address) -> list[Submessage]:
+    def _received(self, one: Submessage, inbox: Inbox, reader: bytes, to: bytes, address: Address) -> list[Submessage]:
         """A message of a reliable writer to a reader of ours; returns those whose turn it is."""
         if one.kind in (DATA, GAP):
             return inbox.put(one)

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from cyclonedds.idl import IdlStruct
-
+from trocar.procs.ros_messages.idl import IdlStruct
 from trocar.procs.ros_messages.messages import (
     Float64MultiArray,
     JointStates,
@@ -61,6 +60,10 @@ def _matrix(message: Float64MultiArray, blocks: Blocks) -> None:
     message.layout, message.data = MultiArrayLayout(dimensions, 0), blocks[0]
 
 
+def _numbers(message: Float64MultiArray, blocks: Blocks) -> None:
+    message.data = blocks[0]
+
+
 @dataclass(frozen=True, slots=True)
 class ViewMessage:
     """Message for a kind of view; `put` puts the numbers of these parts of the view into a message."""
@@ -77,4 +80,5 @@ VIEW_MESSAGES: Final = {
     "cf": ViewMessage(WrenchStamped, ("wrench",), _pushing),
     "turn": ViewMessage(QuaternionStamped, ("orientation",), _turned),
     "jacobian": ViewMessage(Float64MultiArray, ("data",), _matrix),
+    "numbers": ViewMessage(Float64MultiArray, ("data",), _numbers),
 }

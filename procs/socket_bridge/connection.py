@@ -63,7 +63,7 @@ class Connection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Bytes of any number of messages."""
-        if self._door.is_over() or self._is_ended:
+        if self._door.served.is_over() or self._is_ended:
             return
         is_first = self._framing is None
         if self._framing is None:
@@ -83,7 +83,7 @@ class Connection(asyncio.Protocol):
 
     def _work(self) -> None:
         for _ in range(min(SLICE, len(self._backlog))):
-            if self._listener is None or self._is_ended or self._door.is_over():
+            if self._listener is None or self._is_ended or self._door.served.is_over():
                 self._backlog.clear()
                 return
             self._listener.handle(self._backlog.popleft(), has_waited=self._early > 0)

@@ -6,29 +6,29 @@ requests from the stall are out of date.
 
 from __future__ import annotations
 
-import asyncio
+import socket
 from typing import Any
 
 from trocar.procs.crtk.last_look import FirstMessages
 from trocar.procs.node import runtime
 from trocar.procs.node.serving import ServingLoop
 from trocar.procs.socket_bridge.server import SocketServer
-from trocar.shm.mailbox.generations import Faults
 
 
 class SocketLoop(ServingLoop):
     """Serves clients."""
 
-    def __init__(self, node: runtime.Node) -> None:
-        """Take the sockets; AccessError when the token or a certificate cannot be used."""
-        super().__init__(node)
-        first = FirstMessages(node.hold(Faults(node.document.name)).generation)
-        self._server = SocketServer(node.document, node.is_over, node.log, first)
-        self.events.run_until_complete(self._server.listen(self.sockets()))
+    async def listen(self, sockets: list[socket.socket]) -> None:
+        """See ServingLoop."""
+        node = self.node
+        self._server = SocketServer(node.document, node.pauses.is_over, node.log,
+                                    FirstMessages(node.faults().generation))
+        await self._server.listen(sockets)
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
-        """Publish the clients' activity."""
-        self.show(now_ns)
+    async def disconnect(self) -> None:
+        """See ServingLoop."""
+        self.node.pauses.end()  # clients are not heard from here on; what they hold is released, also after a stall
+        await self._server.close()
 
     def shown(self, now_ns: int) -> dict[str, Any]:
         """The clients' activity."""
@@ -36,12 +36,6 @@ class SocketLoop(ServingLoop):
         return {"clients": len(sessions), "subscriptions": sum(len(session.streams) for session in sessions),
                 "received": counts.received, "refused": counts.refused, "sent": counts.sent, "lost": counts.lost,
                 "commands": counts.commands}
-
-    def close(self) -> None:
-        """Disconnect everybody."""
-        self._server.close()
-        self.events.run_until_complete(asyncio.sleep(0))
-        self.events.close()
 
 
 def main() -> None:

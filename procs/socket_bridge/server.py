@@ -48,10 +48,6 @@ class SocketServer:
             self._servers.append(await self._loop.create_server(
                 made, sock=listening, ssl=self._tls, ssl_handshake_timeout=HELLO_S if self._tls else None))
 
-    def is_over(self) -> bool:
-        """Whether we were stalled, so that incoming messages are out of date."""
-        return self.served.is_over()
-
     def admit(self, connection: Connection) -> Session | None:
         """A session for a client, or the end of its connection."""
         host, port = connection.peer
@@ -59,8 +55,7 @@ class SocketServer:
             connection.end(f"{len(self.sessions)} clients are connected already (trocar.socket.max_clients)")
             return None
         rights = self._bridge.rights_at(connection.address)
-        is_known = bool(self._bridge.authorities) or (
-            rights.local and is_ours((host, port), connection.local_port))
+        is_known = bool(self._bridge.authorities) or (rights.local and is_ours((host, port), connection.local_port))
         if not is_known and not self.served.token:
             self._log.warning("%s port %s: a program of another user, and there is no token", host, port)
             connection.end("programs of other users need a token (trocar.socket.token_file)")
@@ -105,7 +100,7 @@ class SocketServer:
         if next_s < float("inf"):
             self._look_in(next_s)
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Disconnect all clients, and release everything."""
         if self._timer is not None:
             self._timer.cancel()
@@ -115,6 +110,7 @@ class SocketServer:
             session.link.end()
             session.gone()
         self.served.topics.close()
+        await asyncio.sleep(0)  # the connections end
 
 
 def instances_of(document: SystemConfig) -> dict[str, str]:

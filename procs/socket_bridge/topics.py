@@ -9,7 +9,6 @@ from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.names import Unknown, none_such
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from trocar.procs.crtk.views import OpenTopic, state_as_event
-from trocar.shm.system import directory
 
 PROGRAM: Final = "socket_bridge"
 STATE: Final = ("stamp_ns", "sequence", "state", "sub_state", "is_homed", "is_busy")
@@ -21,8 +20,7 @@ class SharedTopic:
 
     def __init__(self, system: str, entry: TopicEntry) -> None:
         """Attach; SegmentError when its ring cannot be read."""
-        reader = directory.reader(system, entry.instance, entry.ring, often=False)
-        self.topic, self.entry, self.users = OpenTopic(system, entry, reader), entry, 0
+        self.topic, self.entry, self.users = OpenTopic(system, entry), entry, 0
         self.sequence, self._begin, self._turn = 0, "", 0
 
     def look(self, turn: int) -> bool:
@@ -77,7 +75,7 @@ class Topics:
         if source is None:
             source = SharedTopic(self.system, entry)
             try:
-                self._wanted.take(source.topic)
+                self._wanted.take(entry)
             except BaseException:
                 source.topic.close()
                 raise
@@ -90,13 +88,12 @@ class Topics:
         source.users -= 1
         if not source.users:
             del self._open[source.entry.name]
-            self._wanted.leave(source.topic)
+            self._wanted.leave(source.entry)
             source.topic.close()
 
     def each(self, entry: TopicEntry) -> OpenTopic:
         """A topic of which one client gets each record, in order."""
-        reader = directory.reader(self.system, entry.instance, entry.ring, often=False)
-        return OpenTopic(self.system, entry, reader)
+        return OpenTopic(self.system, entry)
 
     def last_state(self, entry: TopicEntry) -> dict[str, Any] | None:
         """For an arm that has not emitted any operating_state yet: the one in its record."""

@@ -9,7 +9,6 @@ communication.
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 import subprocess
@@ -38,7 +37,7 @@ class BluetoothBoards:
         self._child = subprocess.Popen([sys.executable, "-m", "trocar.procs.suj.bluetooth", *self._addresses],
                                        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
         if self._child.stdout is None:
-            raise OSError("no pipe to the Bluetooth reader")
+            raise OSError("cannot open a pipe to the Bluetooth reader")
         self._pipe = self._child.stdout.fileno()
         os.set_blocking(self._pipe, False)
         self._left, self._ended_ns = b"", 0
@@ -95,6 +94,8 @@ def say(address: str, **what: str) -> None:
 
 async def watch(client_of: Any, address: str) -> None:
     """Read one board endlessly: connect, read, and reconnect after any error."""
+    import asyncio  # here, because the setup joints' process imports this module and has no use for its 3 MB
+
     while True:
         try:
             async with client_of(address, timeout=CONNECT_S) as client:
@@ -110,6 +111,8 @@ async def watch(client_of: Any, address: str) -> None:
 
 async def watch_all(client_of: Any, addresses: Sequence[str]) -> None:
     """All boards at once."""
+    import asyncio
+
     await asyncio.gather(*(watch(client_of, address) for address in addresses))
 
 
@@ -118,9 +121,13 @@ def main() -> None:
     try:
         from bleak import BleakClient
     except ImportError:
+        from trocar.procs.machine.extras import missing
+
         for address in sys.argv[1:]:
-            say(address, problem="the package bleak is not installed (pip install bleak)")
+            say(address, problem=missing("bleak"))
         sys.exit(1)
+    import asyncio
+
     try:
         asyncio.run(watch_all(BleakClient, sys.argv[1:]))
     except BrokenPipeError:

@@ -18,7 +18,7 @@ from trocar.procs.tables import codes
 from trocar.shm.system.events import Events
 
 CLUTCH_COMMAND_NS: Final = 60_000_000_000
-POWER_OFF: Final = "clutched by command until power went off; its brakes hold"
+POWER_OFF: Final = "clutch command ended: power went off; brakes engaged"
 
 Flags = NDArray[np.bool_]
 
@@ -56,7 +56,7 @@ class SetupButtons:
             elif not powered[place]:
                 self._end(place, POWER_OFF)
             elif now_ns >= self._until_ns[place]:
-                self._end(place, "clutched by command for a minute; its brakes hold again")
+                self._end(place, "clutch command ended after a minute; brakes engaged")
         self.stuck = pressed & powered & ~self._powered
         self._counts = (self._counts | ~pressed) & powered
         self._powered = powered.copy()

@@ -54,6 +54,8 @@ class Frames:
         self._valid: NDArray[np.bool_] = field("base_valid")
         self._names: NDArray[np.bytes_] = field("reference_frame")
         self._seen = -1
+        self.still = False
+        """Whether the last update found no change."""
         self._known: tuple[int, str, bytes] | None = None
 
     def update(self, reference: int, frame: str, tip: Array | None) -> None:
@@ -62,7 +64,8 @@ class Frames:
         `frame` "": it carries none. `tip` (4, 4): in that arm's base, None: unknown.
         """
         known = (reference, frame, tip.tobytes() if tip is not None else b"")
-        if known == self._known and self._setups.changes == self._seen:
+        self.still = known == self._known and self._setups.changes == self._seen
+        if self.still:
             return
         self._known, self._seen = known, self._setups.changes
         valid, local = self._setups.valid, self._setups.local

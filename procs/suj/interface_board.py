@@ -2,52 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.cart import channel_inputs
-from trocar.procs.document.system import IoConfig
+from trocar.procs.document.system import IoConfig, RecordPlace
 from trocar.procs.node.fault_report import FaultReport, reported
-from trocar.procs.node.io_faults import power_lost
+from trocar.procs.node.io_faults import HARMLESS, power_lost
 from trocar.procs.suj.multiplexer import PLUGS
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import ARM_LOST, ERROR, FAULTS
 from trocar.shm.mailbox.client import LoopClient
-from trocar.shm.mailbox.origins import Origin
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import Events
 
 SILENT_NS: Final = 50_000_000  # io writes 1500 records a second
 MOST: Final = 256  # samples read in one cycle
-HARMLESS: Final = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
 
 
 class IoMailbox:
     """io's mailbox: refusals are reported, once in a row."""
 
-    def __init__(self, client: LoopClient, reports: Events, name: str) -> None:
-        """`client` is our place in the mailbox; `name` that of this process."""
-        self._client, self._reports, self._name, self._reported = client, reports, name, ""
+    def __init__(self, commands: LoopClient, reports: Events, name: str) -> None:
+        """`commands`: our place in the mailbox; if that is full, the multiplexer detects it and restarts.
+
+        `name`: that of this process.
+        """
+        self.commands, self._reports, self._name, self._reported = commands, reports, name, ""
 
     @property
     def is_authorized(self) -> bool:
         """Whether messages are authorized by an operator's command; not after the start of a process."""
-        return bool(self._client.origin.id)
-
-    def on_behalf(self, origin: Origin) -> None:
-        """Attribute further messages to this operator's command."""
-        self._client.on_behalf(origin)
-
-    def send(self, name: str, values: Sequence[float], text: str) -> None:
-        """Queue a command; a full mailbox is no error here, because the multiplexer detects it and restarts."""
-        self._client.send(name, values, text)
+        return bool(self.commands.origin.id)
 
     def poll(self) -> None:
         """Read the replies."""
-        for reply in self._client.poll():
+        for reply in self.commands.poll():
             if reply.outcome == "refused" and reply.text != self._reported:
                 self._reported = reply.text
                 self._reports.report(codes.IO_REFUSED, f"{self._name}: io refuses: {reply.text}", self._name)
@@ -60,23 +52,21 @@ class InterfaceBoard:
     `pressed` are the clutch buttons of plugs 1 to 4, `up` and `down` those of the lift.
     """
 
-    def __init__(self, io: IoConfig, robot: str, records: RingReader, orders: IoMailbox,
+    def __init__(self, io: IoConfig, place: RecordPlace, records: RingReader, orders: IoMailbox,
                  fault_report: Callable[[int], FaultReport] = reported,
                  power_report: Callable[[], FaultReport] = power_lost,
                  io_stall: Callable[[int], str] = lambda since_ns: "") -> None:
-        """`robot` is the cart's in `io`; `fault_report` gives io's report of its latched fault, `power_report` that of
-        a loss of power, `io_stall` that of a stall after which io restarted (empty: none).
+        """`place` is that of the cart's robot in `io`; `fault_report` gives io's report of its latched fault,
+        `power_report` that of a loss of power, `io_stall` that of a stall after which io restarted (empty: none).
         """
+        robot, row = place.robot.name, slice(place.row, place.row + 1)
         self.robot, self._records, self._orders = robot, records, orders
         self.fault_report, self.power_report, self.io_stall = fault_report, power_report, io_stall
-        places = [r.name for r in io.robots]
-        place = places.index(robot)
-        first = sum(len(r.actuators) for r in io.robots[:place])
-        self._volts = records.field("pot_voltage")[first : first + PLUGS]
-        self._flags = {name: records.field(name)[place : place + 1].reshape(()) for name in (
+        self._volts = records.field("pot_voltage")[place.axes.start : place.axes.start + PLUGS]
+        self._flags = {name: records.field(name)[row].reshape(()) for name in (
             "power_requested", "powered", "amps_on", "pid_enabled", "pid_generation", "bias_generation", "fault")}
         self._input = records.field("input")
-        self._valid = records.field("robot_valid")[place : place + 1].reshape(())
+        self._valid = records.field("robot_valid")[row].reshape(())
         self.write_ns = records.field("write_ns")
         names = [row.name for row in io.digital_inputs]
         self._lines = np.array([names.index(name) for name in channel_inputs(robot)])
@@ -134,7 +124,7 @@ class InterfaceBoard:
 
     def ask(self, name: str, *values: float) -> None:
         """Send io a command for the cart's robot; refusals are reported."""
-        self._orders.send(name, values, self.robot)
+        self._orders.commands.send(name, values, self.robot)
 
 
 def _is_recent(stamp_ns: int, now_ns: int) -> bool:

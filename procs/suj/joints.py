@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -13,14 +13,14 @@ from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import Request
 from trocar.procs.suj.classic import Classic
-from trocar.procs.suj.commands import SetupCommands
 from trocar.procs.suj.frames import CarriedTip, Frames
 from trocar.procs.suj.machine import SetupPower, SetupState, SetupStates
+from trocar.procs.suj.setup_commands import SetupCommands
 from trocar.procs.suj.setups import Setups
 from trocar.procs.suj.si import Si
 from trocar.procs.tables import codes
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
-from trocar.shm.mailbox.origins import Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 from trocar.shm.memory.layout import shorten
 from trocar.shm.system.events import Events
 
@@ -28,25 +28,31 @@ PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
 UNFINISHED: Final = FaultReport(codes.POWER_TIMEOUT, "power-on was not complete")
 
 
+@dataclass(frozen=True, slots=True)
+class SetupContext:
+    """What setup joints need from their process, besides their configuration."""
+
+    record: Fields  # the arrays of their own record, which may still hold the values of the previous process
+    reports: Events
+    tips: Sequence[CarriedTip | None]  # of the carried arms, None: none there
+    faults: OwnCell = field(default_factory=NoFaults)  # commands given before a fault are void
+    on_behalf: Callable[[Origin], None] = lambda origin: None  # receives the origin of each operator's command
+    stall: str = ""  # after which the process restarted; empty: it was started
+
+
 class SetupJoints:
     """All of a process `suj` except shared memory."""
 
-    def __init__(self, cart: Cart, field: Fields, setups: Setups, source: Classic | Si | None, reports: Events,
-                 tips: Sequence[CarriedTip | None], faults: OwnCell | None = None,
-                 on_behalf: Callable[[Origin], None] | None = None, stall: str = "") -> None:
-        """`field` gives the arrays of the record, which may still hold the values of the previous process.
-
-        `source` measures the arms' positions, None: not measured; `tips` are those of the carried arms, None: none
-        there. `faults`: commands given before a fault are void; `on_behalf` receives the origin of each command.
-        `stall`: after which the process restarted; empty: it was started.
-        """
-        self._restart = stall or "the process was restarted"
-        self._cart, self._setups, self._source, self._tips = cart, setups, source, tips
+    def __init__(self, cart: Cart, setups: Setups, source: Classic | Si | None, context: SetupContext) -> None:
+        """`source` measures the arms' positions, None: not measured."""
+        field = context.record
+        self._restart = context.stall or "the process was restarted"
+        self._cart, self._setups, self._source, self._context = cart, setups, source, context
         classic = source if isinstance(source, Classic) else None
         self._classic = classic
         self._frames = Frames(setups, field)
-        self._faults, self._on_behalf, self._asked_by = faults or NoFaults(), on_behalf, 0
-        self.machine = SetupStates(cart.name, reports, classic or SetupPower(), self._enter)
+        self._asked_by = NO_ORIGIN
+        self.machine = SetupStates(cart.name, context.reports, classic or SetupPower(), self._enter)
         self._commands = SetupCommands(cart, setups, self.machine, source, self._refer)
         self._shown = {name: field(name) for name in ("valid", "state", "sub_state", "desired_state", "is_homed",
                                                       "is_busy", "simulated", "reference_arm", "reason")}
@@ -73,7 +79,7 @@ class SetupJoints:
             if reported and arm.pose is not None:
                 self._setups.put(place, np.array(arm.pose))
             elif reported and arm.position:
-                self._setups.harness(place, np.array(arm.position))
+                self._setups.set_joints(place, np.array(arm.position))
 
     def step(self, now_ns: int, requests: Iterable[Request]) -> None:
         """One cycle; the caller publishes the record afterwards."""
@@ -83,10 +89,15 @@ class SetupJoints:
             self._begin(now_ns)
         self._commands.execute(map(self._heard, requests), now_ns)
         self.machine.step(now_ns)
-        tip = self._tips[self._reference] if self._reference >= 0 else None
+        tip = self._context.tips[self._reference] if self._reference >= 0 else None
         self._frames.update(self._reference, tip.name if tip is not None else "",
                             tip.pose(now_ns) if tip is not None else None)
         self._show()
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing is measured here, and the reference frame did not move in this cycle."""
+        return self._source is None and self._frames.still
 
     def _begin(self, now_ns: int) -> None:
         """Continue the previous process's state, once io's record shows the present one."""
@@ -111,18 +122,19 @@ class SetupJoints:
 
     def _heard(self, request: Request) -> Request:
         """Note the origin of the next command."""
-        self._asked_by = request.origin.id
-        if self._asked_by and self._on_behalf is not None:
-            self._on_behalf(request.origin)
+        self._asked_by = request.origin
+        if self._asked_by.id:
+            self._context.on_behalf(request.origin)
         return request
 
-    def _enter(self, state: SetupState) -> None:
+    def _enter(self, left: SetupState) -> None:
+        state = self.machine.state
         if state is not SetupState.ENABLED and self._source is not None:
             self._source.buttons.cut()
         if state is SetupState.FAULT:
-            self._faults.fault()
-        elif state is SetupState.DISABLED:
-            self._faults.switched_off(self._asked_by)
+            self._context.faults.fault()
+        elif state is SetupState.DISABLED and left is not SetupState.FAULT:
+            self._context.faults.switched_off(self._asked_by)
 
     def _refer(self, place: int) -> None:
         self._reference = place

@@ -47,7 +47,7 @@ class SetupPower:
 
 
 class SetupStates:
-    """Current and desired state; `enter` is called at each change."""
+    """Current and desired state; `enter` is called at each change with the previous state."""
 
     def __init__(self, name: str, reports: Events, power: SetupPower, enter: Callable[[SetupState], None]) -> None:
         """DISABLED; `power` is checked in each step."""
@@ -156,11 +156,11 @@ class SetupStates:
         self._pending.clear()
 
     def _set(self, state: SetupState) -> None:
-        self.state = state
+        left, self.state = self.state, state
         if state is SetupState.POWERING:
             self._power.on(self._now_ns)
         elif state is not SetupState.ENABLED and not self._is_beginning:
             self._power.off()
-        self._enter(state)
+        self._enter(left)
         self._reports.status(f"{self.name}: {state}", self.name)
         self.publish()

@@ -29,7 +29,7 @@ class Setups:
         self._poses: Array = field("local_measured_cp")
         self.local: Array = np.tile(np.eye(4), (len(self.arms), 1, 1))
         self._kinematics = [Kinematics(arm.chain) if arm.chain is not None else None for arm in cart.arms]
-        self._stood: list[Array | None] = [None for _ in cart.arms]  # joints for which the pose was computed
+        self._computed: list[Array | None] = [None for _ in cart.arms]  # joints for which the pose was computed
         self.changes = 0
 
     def place(self, name: str) -> int:
@@ -38,11 +38,11 @@ class Setups:
             raise ValueError(f"no setup arm {name or 'without a name'}; there are {', '.join(self.names)}")
         return self.names.index(name)
 
-    def harness(self, place: int, joints: Array) -> None:
+    def set_joints(self, place: int, joints: Array) -> None:
         """Set the joints, and the pose of the carried arm from them."""
         arm = self.arms[place]
         self.position[place, : arm.joints] = joints
-        self._stood[place] = np.array(joints, dtype=np.float64)
+        self._computed[place] = np.array(joints, dtype=np.float64)
         self.put(place, self._pose(arm, place, joints))
 
     def measure(self, place: int, joints: Array) -> float:
@@ -51,14 +51,14 @@ class Setups:
         Returns the largest difference to that one, relative to the limit for a motion; from 1 on the pose is computed
         again.
         """
-        stood = self._stood[place]
-        if stood is None:
-            self.harness(place, joints)
+        computed = self._computed[place]
+        if computed is None:
+            self.set_joints(place, joints)
             return 0.0
         self.position[place, : self.arms[place].joints] = joints
-        moved = float(np.max(np.abs(joints - stood) / moved_limits(len(joints))))
+        moved = float(np.max(np.abs(joints - computed) / moved_limits(len(joints))))
         if moved >= 1.0:
-            self.harness(place, joints)
+            self.set_joints(place, joints)
         elif not self.valid[place]:
             self.valid[place] = True
             self.changes += 1
@@ -74,7 +74,7 @@ class Setups:
     def lose(self, place: int, *, moved: bool) -> None:
         """The pose is unknown; `moved`: it may have changed when it is known again."""
         if moved:
-            self._stood[place] = None
+            self._computed[place] = None
         if self.valid[place]:
             self.valid[place] = False
             self.changes += 1
@@ -102,7 +102,7 @@ class Setups:
             return True
         joints = self.position[place, : arm.joints].copy()
         if np.isfinite(joints).all():
-            self.harness(place, joints)
+            self.set_joints(place, joints)
         return bool(np.isfinite(joints).all())
 
     def _pose(self, arm: CartArm, place: int, joints: Array) -> Array:

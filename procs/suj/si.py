@@ -139,7 +139,7 @@ class Si:
         """No reading for too long."""
         self._setups.lose(place, moved=False)
         arm = self._arms[place]
-        reasons = [f"{who}: {self._link.problem(address) or 'no reading comes'}" for who, address, stamp in (
+        reasons = [f"{who}: {self._link.problem(address) or 'no readings received'}" for who, address, stamp in (
             ("base", self._base, self._base_ns), (arm.name, arm.board.upper(), self._stamps_ns[place])) if not stamp
             or self._link.problem(address)]
         self._report(place, f"{arm.name}: its pose is not known ({'; '.join(reasons) or 'its board is silent'})")

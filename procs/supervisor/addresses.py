@@ -1,4 +1,4 @@
-"""Addresses for emulated buses: each system has its own in 127/8."""
+"""Addresses, ports and ROS domains of a system that no other system of this machine has, of any user."""
 
 from __future__ import annotations
 
@@ -10,14 +10,42 @@ from dataclasses import replace
 from typing import Final
 
 from trocar.procs.config.loading.emulated import ports_of
+from trocar.procs.document.process import host_and_port
 from trocar.procs.document.system import IoConfig, SystemConfig
+from trocar.procs.machine.free_port import reserve, reserve_port
 from trocar.procs.machine.port_holders import holders
+from trocar.procs.node.setup_error import SetupError
 
 BUS_PORT: Final = 1394
 
 
-class NoAddress(Exception):
-    """No address is free; the message names the programs that use them."""
+class Reservations(contextlib.ExitStack):
+    """Ports and ROS domains of one system; no other system gets them until this is closed.
+
+    Another process that has the sockets of `marks` open keeps them as well.
+    """
+
+    def __init__(self) -> None:
+        """Reserve nothing yet."""
+        super().__init__()
+        self.marks: list[socket.socket] = []
+
+    def address(self, usual: str) -> str:
+        """The usual address of loopback, or the next free port there; the usual one if none is free."""
+        host, port = host_and_port(usual)
+        with contextlib.suppress(OSError):
+            return f"{host}:{self._kept(*reserve_port(port))}"
+        return usual
+
+    def domain(self, first: int, last: int) -> int | None:
+        """The first ROS domain of these that no other system has; None: there is none."""
+        with contextlib.suppress(OSError):
+            return self._kept(*reserve("ROS domain", first, last))
+        return None
+
+    def _kept(self, number: int, mark: socket.socket) -> int:
+        self.marks.append(self.enter_context(mark))
+        return number
 
 
 def free_address(system: str) -> Callable[[int], str]:
@@ -32,7 +60,7 @@ def free_address(system: str) -> Callable[[int], str]:
                 probe.bind((candidate, BUS_PORT))
                 return candidate
         others = "; ".join(map(str, holders(BUS_PORT))) or "all addresses that were tried are taken"
-        raise NoAddress(f"no free loopback address with port {BUS_PORT} for an emulated bus: {others}")
+        raise SetupError(f"no free loopback address with port {BUS_PORT} for an emulated bus: {others}")
 
     return address
 
@@ -40,7 +68,7 @@ def free_address(system: str) -> Callable[[int], str]:
 def at_free_addresses(system: SystemConfig) -> SystemConfig:
     """The same system with its emulated buses at free addresses, as its document may be that of a running system.
 
-    NoAddress when none is free.
+    SetupError when none is free.
     """
     emulation = system.emulation
     if emulation is None:

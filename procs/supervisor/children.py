@@ -1,7 +1,8 @@
 """The lifecycle of one instance: requests, endings and restarts; also demand, and the order of start and stop.
 
-Process and clock are passed in. The states are those of procs/tables/lifecycle.py; `start`, `stop` and `look` are the
-events of that table. Processes start in the order of their dependencies, and stop in reverse order.
+The processes of an instance are numbered. `start`, `stop` and the restart policy decide which one should run, the
+`target`; `look` finds out what runs, and `ensure` makes one of the other. Process and clock are passed in. Processes
+start in the order of their dependencies, and stop in reverse order.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from trocar.procs.document.system import Process
-from trocar.procs.node.setup_error import STAYS
+from trocar.procs.node.setup_error import STAYS, SetupError
 from trocar.procs.supervisor.os_process import OsProcess
 from trocar.procs.tables import lifecycle
 from trocar.procs.tables.manifest import proc
@@ -24,6 +25,7 @@ SETTLES_S: Final = 0.3  # after its setup, plus a period: then a user's process 
 GIVEN_UP: Final = "; given up after "
 TRACE_S: Final = 1.0  # time for a user's process to write the trace of a hang, and to end
 SHORT_TRACE_S: Final = 0.03  # for all others, whose restart is urgent
+GONE_S: Final = 5.0  # the longest that a killed process takes to be gone
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,20 +47,35 @@ class Child:
     row: Process
     process: OsProcess
     now_ns: Callable[[], int] = monotonic_ns
-    state: str = lifecycle.STOPPED
-    starts: int = 0  # count of its processes: the number of the present one
+    target: int = 0
+    """Number of the process that should run; 0: none."""
+    starts: int = 0
+    """Count of its processes: the number of the present, or last, one."""
+    runs: bool = False
+    """Whether there is a process, as far as we have looked."""
     restarts: int = 0  # starts by the restart policy
     failures: int = 0  # crashes with less than HEALTHY_NS in between
     reason: str = ""  # how the last process ended
     begun_ns: int = 0
-    restart_at_ns: int = 0  # 0: no restart planned
+    restart_at_ns: int = 0  # when the restart policy starts it; 0: that is not planned
     up_ns: int = 0  # when its setup succeeded
     kill_at_ns: int = 0  # deadline of its setup or end; 0: none
+    killed_ns: int = 0  # when it was killed; 0: it was not
+    is_asked: bool = False  # the present process was asked to end
     given_up: bool = False
     verdict: str = ""  # why we killed it
     refused: str = ""  # why its process could not be started
     is_wanted: bool = True  # if not, it may end by itself without a restart
     is_done: bool = False  # it has ended in that way
+
+    @property
+    def state(self) -> str:
+        """What runs, and what should: see procs/tables/lifecycle.py."""
+        if not self.runs:
+            return lifecycle.STOPPED
+        if self.target == self.starts:
+            return lifecycle.RUNNING
+        return lifecycle.RESTARTING if self.target else lifecycle.STOPPING
 
     @property
     def is_up(self) -> bool:
@@ -74,7 +91,7 @@ class Child:
     @property
     def shown_state(self) -> str:
         """Its state for display: an ended instance with a planned restart is RESTARTING."""
-        return lifecycle.RESTARTING if self.state == lifecycle.STOPPED and self.restart_at_ns else self.state
+        return lifecycle.RESTARTING if self.restart_at_ns else self.state
 
     @property
     def shown_reason(self) -> str:
@@ -85,19 +102,27 @@ class Child:
 
     @property
     def is_down(self) -> bool:
-        """Whether it has no process and no planned restart."""
-        return self.state == lifecycle.STOPPED and not self.restart_at_ns
+        """Whether no process runs, or should."""
+        return not (self.runs or self.target)
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether it has ended, or was killed so long ago that there is no hope that it ends."""
+        return not self.runs or 0 < self.killed_ns <= self.now_ns() - round(GONE_S * 1e9)
 
     def start(self) -> None:
-        """Request a process: it begins now, or after the previous one has ended, or runs already."""
+        """A process should run: the present one, unless it was asked to end, else a new one."""
         if self.given_up:
             self.reason = self.reason.partition(GIVEN_UP)[0]
-        self._step_by_hand(lifecycle.START)
+        self._forget_failures()
+        if self.state != lifecycle.RUNNING:
+            self.target = self.starts + 1
 
     def stop(self) -> None:
-        """Request its end; one that has ended by itself is shown as stopped from now on."""
-        self._step_by_hand(lifecycle.STOP)
-        if self.state == lifecycle.STOPPED and self.starts:
+        """No process should run; one that has ended by itself is shown as stopped from now on."""
+        self._forget_failures()
+        self.target = 0
+        if not self.runs and self.starts:
             self.process.show_stopped()
 
     def stop_what_ended(self) -> None:
@@ -123,41 +148,38 @@ class Child:
         code = self.process.ended()
         return None if code is None and not self.refused else self._ended(code)
 
-    def restart_when_due(self) -> bool:
-        """Carry out a planned restart; True when a process was started."""
-        if not self.restart_at_ns or self.now_ns() < self.restart_at_ns:
+    def ensure(self, may_begin: bool = True) -> bool:
+        """Begin the process that should run, or ask one that should not to end. True when the restart policy began it.
+        """
+        now = self.now_ns()
+        if self.runs:
+            if self.target != self.starts and not self.is_asked:
+                self.is_asked, self.kill_at_ns = True, now + round(proc(self.row.kind).stop_s * 1e9)
+                self.process.ask_to_end()
             return False
-        self.restart_at_ns, self.restarts = 0, self.restarts + 1
-        self._step(lifecycle.START)
-        return True
-
-    def _step_by_hand(self, event: str) -> None:
-        """A request by hand cancels a planned restart and resets the restart policy."""
-        self.restart_at_ns, self.failures, self.given_up = 0, 0, False
-        self._step(event)
-
-    def _step(self, event: str) -> None:
-        self.state, done = lifecycle.step(self.state, event)
-        if done == lifecycle.BEGIN:
-            self._begin()
-        elif done == lifecycle.ASK:
-            self.kill_at_ns = self.now_ns() + round(proc(self.row.kind).stop_s * 1e9)
-            self.process.ask_to_end()
-
-    def _begin(self) -> None:
-        self.starts, self.begun_ns, self.is_done = self.starts + 1, self.now_ns(), False
-        self.kill_at_ns = self.begun_ns + round(SETUP_S * 1e9)
+        if not (self.target and may_begin and now >= self.restart_at_ns):
+            return False
+        is_restart, self.restart_at_ns = bool(self.restart_at_ns), 0
+        self.restarts += is_restart
+        self.starts, self.begun_ns, self.runs = self.target, now, True
+        self.is_done, self.is_asked, self.killed_ns = False, False, 0
+        self.kill_at_ns = now + round(SETUP_S * 1e9)
         try:
             self.process.begin()
         except OSError as error:
             self.refused = f"could not be started: {error}"
+        return is_restart
+
+    def _forget_failures(self) -> None:
+        """A request by hand cancels a planned restart and resets the restart policy."""
+        self.restart_at_ns, self.failures, self.given_up = 0, 0, False
 
     def _kill(self, verdict: str) -> None:
         """Request a trace of the hang first; kill it at the second call, or at once if it is stopped (SIGSTOP)."""
         is_stopped = not self.verdict and self.process.is_stopped
         if self.verdict or is_stopped:
             self.verdict = self.verdict or f"{verdict}; it was stopped (SIGSTOP)"
-            self.kill_at_ns = 0
+            self.kill_at_ns, self.killed_ns = 0, self.now_ns()
             self.process.kill()
             return
         is_users = proc(self.row.kind).declared
@@ -182,10 +204,11 @@ class Child:
         killed = bool(self.verdict) and not well
         if asked:
             self.process.show_stopped()
-        self.kill_at_ns, self.verdict, self.refused = 0, "", ""
-        self._step(lifecycle.QUIT)
-        if not asked and not self.is_done:
-            self._plan_restart(code)
+        self.kill_at_ns, self.verdict, self.refused, self.runs = 0, "", "", False
+        if not asked:
+            self.target = 0
+            if not self.is_done:
+                self._plan_restart(code)
         return Ending(self.reason, asked or self.is_done, killed)
 
     def _plan_restart(self, code: int | None) -> None:
@@ -201,7 +224,7 @@ class Child:
             self.reason += f"{GIVEN_UP}{self.row.restart_limit} restarts"
             return
         wait_s = self.row.backoff_s * 2 ** (self.failures - 1)
-        self.restart_at_ns = now + round(wait_s * 1e9)
+        self.restart_at_ns, self.target = now + round(wait_s * 1e9), self.starts + 1
 
 
 class Demand:
@@ -243,19 +266,15 @@ class Demand:
                 child.stop()
 
 
-class Circle(ValueError):
-    """Processes wait for each other; the message names them."""
-
-
 def waves(rows: Sequence[Process]) -> list[list[Process]]:
-    """Rows in start order: each wave needs only instances of earlier waves. Circle when there is no such order."""
+    """Rows in start order: each wave needs only instances of earlier waves. SetupError when there is no such order."""
     found: list[list[Process]] = []
     left, up = list(rows), set[str]()
     known = {row.name for row in rows}
     while left:
         wave = [row for row in left if all(name in up or name not in known for name in row.after)]
         if not wave:
-            raise Circle(f"{', '.join(row.name for row in left)}: each waits for another to start first")
+            raise SetupError(f"{', '.join(row.name for row in left)}: each waits for another to start first")
         found.append(wave)
         up |= {row.name for row in wave}
         left = [row for row in left if row.name not in up]
@@ -264,6 +283,4 @@ def waves(rows: Sequence[Process]) -> list[list[Process]]:
 
 def missing(child: Child, children: Mapping[str, Child]) -> list[str]:
     """Instances that a stopped one needs and that are down; a running one continues without them."""
-    if child.state != lifecycle.STOPPED:
-        return []
-    return [name for name in child.row.after if name in children and children[name].is_down]
+    return [] if child.runs else [name for name in child.row.after if name in children and children[name].is_down]

@@ -9,12 +9,9 @@ import os
 import select
 import signal
 import socket
-import subprocess
-import sys
 from collections.abc import Collection, Sequence
 from typing import Final
 
-from trocar.procs.machine.paths import ROOT
 from trocar.procs.node.realtime import keep_with
 from trocar.procs.supervisor import template
 from trocar.procs.supervisor.template import READY
@@ -23,9 +20,6 @@ from trocar.shm.time.clock import monotonic_ns
 PR_SET_CHILD_SUBREAPER: Final = 36
 IMPORT_NS: Final = 20_000_000_000  # how long a start waits for the template to import
 REPLY_S: Final = 0.3  # time limit for the fork of one process
-ENVIRON: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # no thread pools in control code
-                  "PYTHONIOENCODING": "utf-8"}  # logs are UTF-8, whatever the terminal of `up` is
-PADDING: Final = 160  # bytes for the command lines of processes, with two names, beside those of the template
 
 
 class Forked:
@@ -38,8 +32,11 @@ class Forked:
     def poll(self) -> int | None:
         """The exit code after its end, negative for a signal; None while it runs."""
         if self.returncode is None:
-            found, status = os.waitpid(self.pid, os.WNOHANG)
-            self.returncode = os.waitstatus_to_exitcode(status) if found else None
+            try:
+                found, status = os.waitpid(self.pid, os.WNOHANG)
+                self.returncode = os.waitstatus_to_exitcode(status) if found else None
+            except ChildProcessError:  # `reap_orphans` has reaped it
+                self.returncode = 0
         return self.returncode
 
     def send_signal(self, number: int) -> None:
@@ -51,6 +48,11 @@ class Forked:
         """Send SIGKILL."""
         self.send_signal(signal.SIGKILL)
 
+    def wait(self) -> None:
+        """Wait for its end."""
+        if self.returncode is None:
+            self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+
 
 def reap_orphans(known: Collection[int]) -> None:
     """Reap an ended process that is not among the known ones: a child that one of them left behind."""
@@ -61,38 +63,45 @@ def reap_orphans(known: Collection[int]) -> None:
 
 
 class Template:
-    """The template of one system, from `start`, or the first `fork`, to `close`."""
+    """The template of one system, from `start` to `close` or its end; without one, processes are fresh interpreters."""
 
     def __init__(self) -> None:
         """Start nothing yet."""
-        self._popen: subprocess.Popen[bytes] | None = None
+        self._forked: Forked | None = None
         self._is_ready, self._latest_ns = False, 0
 
-    def start(self) -> subprocess.Popen[bytes]:
-        """Start the template, which begins to import; from now on we adopt its orphans."""
+    def start(self) -> None:
+        """Fork it off our process, which has opened nothing yet; it begins to import, and we adopt its orphans."""
         _adopt_orphans(True)
         self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        supervisor = os.getpid()
         with theirs:
-            command = [sys.executable, "-m", template.__name__, str(theirs.fileno()), " " * PADDING]
-            self._popen = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()],
-                                           env={**os.environ, **ENVIRON}, start_new_session=True)
-        self._latest_ns = monotonic_ns() + IMPORT_NS
-        return self._popen
+            if not (pid := os.fork()):
+                self._ours.close()
+                template.run(theirs, supervisor)
+        self._forked, self._latest_ns = Forked(pid), monotonic_ns() + IMPORT_NS
+
+    def prepare(self, system: str) -> None:
+        """Let it decode the document of our system, which exists now; then it is ready."""
+        if self._forked is not None:
+            with contextlib.suppress(OSError):  # it has ended
+                self._ours.send(system.encode())
 
     def has_imported(self) -> bool:
         """Whether it is ready, or further waiting is useless."""
-        running = self._popen or self.start()
-        if not self._is_ready:
+        if not self._is_ready and self._forked is not None:
             with contextlib.suppress(OSError):
                 self._is_ready = self._reply(0.0) == READY
-        return self._is_ready or running.poll() is not None or monotonic_ns() > self._latest_ns
+        if self._is_ready or self._forked is None:
+            return True
+        return self._forked.poll() is not None or monotonic_ns() > self._latest_ns
 
     def fork(self, words: Sequence[str], output: int) -> Forked | None:
         """Fork a process with this command line; None: the template is not available."""
-        if not self.has_imported() or self._popen is None:
+        if self._forked is None or not self.has_imported():
             return None
         with contextlib.suppress(OSError, ValueError):
-            return self._ask(json.dumps([words, _own_environ()]).encode(), output, self._popen.pid)
+            return self._ask(json.dumps([words, _own_environ()]).encode(), output, self._forked.pid)
         self.close()
         return None
 
@@ -110,17 +119,19 @@ class Template:
         return Forked(child)
 
     def _reply(self, most_s: float) -> bytes:
-        if not select.select([self._ours], [], [], most_s)[0]:
+        waits = select.poll()
+        waits.register(self._ours, select.POLLIN)
+        if not waits.poll(1e3 * most_s):
             raise TimeoutError
         return self._ours.recv(len(READY) + 20)
 
     def close(self) -> None:
-        """Kill the template; the next request starts another one."""
-        if self._popen is not None:
-            self._popen.kill()
-            self._popen.wait()
+        """Kill it; from now on, each process is a fresh interpreter."""
+        if self._forked is not None:
+            self._forked.kill()
+            self._forked.wait()
             self._ours.close()
-        self._popen, self._is_ready = None, False
+        self._forked, self._is_ready = None, False
         _adopt_orphans(False)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.machine.paths import made_log_folder, token_file
+from trocar.procs.machine.paths import STATE_REMEDY, NoStateFolder, made_log_folder, token_file
 
 BYTES: Final = 16
 
@@ -27,8 +27,13 @@ def gui_token(system: SystemConfig) -> Iterator[None]:
     made_log_folder(os.environ, system.name)
     path = token_file(os.environ, system.name)
     path.unlink(missing_ok=True)  # of a supervisor that was killed
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600), "w") as file:
-        file.write(f"{secrets.token_hex(BYTES)}\n")
+    try:
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600), "w") as file:
+            file.write(f"{secrets.token_hex(BYTES)}\n")
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise NoStateFolder(f"cannot keep the token of the web console in {path}: {error.strerror}; {STATE_REMEDY}"
+                            ) from None
     try:
         yield
     finally:

@@ -11,20 +11,17 @@ from typing import Final
 
 from trocar.procs.document.process import Process, host_and_port
 from trocar.procs.machine.port_holders import TCP, connections, holders
+from trocar.procs.node.setup_error import SetupError
 
 BACKLOG: Final = 128
 LOOK_NS: Final = 500_000_000  # polling interval for the Linux kernel's list of connections
-
-
-class AddressTaken(Exception):
-    """An address cannot be used; the message names the process, the address, and its present holder."""
 
 
 class Listening:
     """The sockets of one process, in the order of its row."""
 
     def __init__(self, row: Process) -> None:
-        """Open all sockets; AddressTaken when that fails."""
+        """Open all sockets; SetupError when that fails."""
         self._ports = [host_and_port(address)[1] for address in row.listen]
         self._poll, self._look_at, self._connected = select.poll(), 0, False
         with ExitStack() as stack:
@@ -72,5 +69,5 @@ def _socket(name: str, address: str) -> socket.socket:
     except OSError as error:
         made.close()
         others = "; ".join(map(str, holders(port, host, TCP))) if error.errno == errno.EADDRINUSE else ""
-        raise AddressTaken(f"{name} cannot listen at {address}: {others or error.strerror}") from None
+        raise SetupError(f"{name} cannot listen at {address}: {others or error.strerror}") from None
     return made

@@ -1,14 +1,18 @@
-"""The supervisor's process. It starts the template first, so that both import modules at the same time."""
+"""The supervisor's process. It first forks the template and the reader of the configuration: all three then import."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
+from typing import Final
 
 from trocar.procs.machine.imports import many_imports
 from trocar.procs.machine.open_files import raise_limit
-from trocar.procs.supervisor.forking import Template
+
+ENVIRON: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",  # no thread pools in control code
+                  "PYTHONIOENCODING": "utf-8"}  # logs are UTF-8, whatever the terminal of `up` is
 
 
 def arguments() -> argparse.Namespace:
@@ -22,18 +26,29 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--for", dest="seconds", type=float)
     parser.add_argument("--document", action="store_true", help="the file is a frozen document, as recordings have it")
     parser.add_argument("--held", action="store_true", help="simulated time does not start until a program controls it")
+    parser.add_argument("--room", help="spaces, where the forks of this process show their own command lines")
     return parser.parse_args()
 
 
 def main() -> None:
     """Exit code 0: stopped on request, 1: error in configuration or setup, or a process that was given up."""
-    chosen, template = arguments(), Template()
+    chosen = arguments()
     raise_limit()  # before there is a process that inherits it
-    template.start()
+    os.environ |= ENVIRON  # before numpy is imported
     with many_imports():
-        from trocar.procs.supervisor.run import run  # takes as long as the template's imports meanwhile
+        from trocar.procs.supervisor.configuration import Configuration
+        from trocar.procs.supervisor.forking import Template
+        from trocar.procs.supervisor.template import show
 
-    sys.exit(run(chosen, template))
+    template = Template()
+    if chosen.room:  # else the command lines of its forks would be cut, by which processes are found
+        show(sys.orig_argv[:-2])
+        template.start()
+    configuration = Configuration(chosen)
+    with many_imports():
+        from trocar.procs.supervisor.run import run
+
+    sys.exit(run(chosen, configuration, template))
 
 
 if __name__ == "__main__":

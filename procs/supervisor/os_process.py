@@ -17,8 +17,9 @@ from typing import Final
 
 from trocar.procs.document.system import Process
 from trocar.procs.machine.paths import PACKAGE, ROOT
-from trocar.procs.node.setup_error import STAYS
-from trocar.procs.supervisor.forking import ENVIRON, Forked, Template
+from trocar.procs.machine.verb_lines import verb_line
+from trocar.procs.node.setup_error import SETUP_FAILED, STAYS
+from trocar.procs.supervisor.forking import Forked, Template
 from trocar.procs.tables.manifest import proc
 from trocar.shm.system.loglines import stamped
 from trocar.shm.time.clock import local_ns
@@ -63,11 +64,11 @@ class OsProcess:
         self.page.show("CREATED")
         self._log_size = self._size()
         command = [sys.executable, "-m", proc(self.row.kind).module, "--system", self.system, "--name", self.row.name]
-        environ = dict(ENVIRON)
+        environ: dict[str, str] = {}
         given = [each.fileno() for each in self.sockets]
         if given:
             command = [sys.executable, "-I", "-S", str(HANDOVER), ",".join(map(str, given)), *command]
-            environ |= {"LISTEN_FDS": str(len(given)), "LISTEN_FDNAMES": ":".join([self.row.name] * len(given))}
+            environ = {"LISTEN_FDS": str(len(given)), "LISTEN_FDNAMES": ":".join([self.row.name] * len(given))}
         with self.log.open("ab") as log:
             forked = self.template.fork(command, log.fileno()) if proc(self.row.kind).is_forked else None
             self.popen = forked or subprocess.Popen(
@@ -77,22 +78,17 @@ class OsProcess:
 
     def ask_to_end(self) -> None:
         """Send SIGTERM."""
-        if self.popen is not None:
-            self.popen.send_signal(signal.SIGTERM)
-            self.popen.send_signal(signal.SIGCONT)  # a stopped process must wake to end
+        self._signal(signal.SIGTERM, signal.SIGCONT)  # a stopped process must wake to end
 
     def abort(self) -> None:
-        """Send SIGABRT: Python writes a trace of each thread and ends (faulthandler, procs/user/loop.py)."""
+        """Send SIGABRT: Python writes a trace of each thread and ends (faulthandler, procs/node/runtime.py)."""
         self._announce_trace()
-        if self.popen is not None:
-            self.popen.send_signal(signal.SIGABRT)
-            self.popen.send_signal(signal.SIGCONT)
+        self._signal(signal.SIGABRT, signal.SIGCONT)
 
     def trace(self) -> None:
         """Send SIGUSR1: Python writes a trace of its main thread and resumes (faulthandler, procs/node/runtime.py)."""
         self._announce_trace()
-        if self.popen is not None:
-            self.popen.send_signal(signal.SIGUSR1)
+        self._signal(signal.SIGUSR1)
 
     def _announce_trace(self) -> None:
         """Write a stamped line to its log, because the trace that follows has no time stamps."""
@@ -129,8 +125,12 @@ class OsProcess:
 
     def kill(self) -> None:
         """Send SIGKILL."""
+        self._signal(signal.SIGKILL)
+
+    def _signal(self, *numbers: signal.Signals) -> None:
         if self.popen is not None:
-            self.popen.kill()
+            for number in numbers:
+                self.popen.send_signal(number)
 
     def ended(self) -> int | None:
         """The exit code, reported once after the end, negative for a signal; None: it runs, or there is no process."""
@@ -149,6 +149,8 @@ class OsProcess:
         reported = bytes(self.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
         if reported and (code == STAYS or reported.startswith("sys.exit(")):  # the exit code adds nothing
             return reported
+        if code == SETUP_FAILED and not reported:  # its page is where an error is shown
+            return f"it could not attach to its shared memory; {verb_line(f'logs {self.row.name}', self.system)}"
         return f"exit code {code}" + (f": {reported}" if reported else "")
 
     def show_stopped(self, also_failed: bool = False) -> None:

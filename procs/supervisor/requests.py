@@ -61,7 +61,7 @@ class Requests:
         self._pending = []
 
     def _stop(self, request: Request, child: Child) -> None:
-        if child.state == lifecycle.STOPPED:
+        if not child.runs:
             planned = child.restart_at_ns
             child.stop_what_ended()
             request.done(f"{child.row.name} is not started again" if planned else f"{child.row.name} does not run")
@@ -79,8 +79,7 @@ class Requests:
         else:
             child.start()
             request.accept()
-            number = child.starts + (child.state == lifecycle.RESTARTING)
-            self._pending.append(_Pending(request, child, number, lifecycle.RUNNING))
+            self._pending.append(_Pending(request, child, child.target, lifecycle.RUNNING))
 
     def _restart(self, request: Request, child: Child) -> None:
         if not missing(child, self._children):
@@ -94,15 +93,12 @@ def _runs(names: Sequence[str]) -> str:
 
 def _outcome(waits: _Pending) -> tuple[bool, str] | None:
     """Success or failure, and the text of the answer; None: not known yet."""
-    child, name = waits.child, waits.child.row.name
-    is_this = child.starts == waits.number and child.state != lifecycle.STOPPED
+    child, name, number = waits.child, waits.child.row.name, waits.number
     if waits.until == lifecycle.STOPPED:
-        return None if is_this else (True, f"{name}: {child.reason}")
-    if is_this and child.state == lifecycle.RUNNING:
-        return (True, f"{name} runs (pid {child.process.pid})") if child.has_begun else None
-    if child.starts < waits.number and child.state == lifecycle.RESTARTING:
-        return None
-    if child.starts == waits.number and child.state == lifecycle.STOPPED:
-        again = "; it is tried again" if child.restart_at_ns else ""
+        return None if child.runs and child.starts == number else (True, f"{name}: {child.reason}")
+    if child.target == number:
+        return (True, f"{name} runs (pid {child.process.pid})") if child.starts == number and child.has_begun else None
+    if child.starts > number or (child.starts == number and not child.runs):
+        again = "; it is tried again" if child.restart_at_ns and child.starts == number else ""
         return False, f"{name}: {child.reason}{again}"
-    return False, f"{name} was stopped before it was up" if child.starts <= waits.number else f"{name}: {child.reason}"
+    return False, f"{name} was stopped before it was up"

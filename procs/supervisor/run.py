@@ -1,4 +1,4 @@
-"""One run of a system: check its configuration, make its memory, then start, watch and stop every process."""
+"""One run of a system: make its memory, then start, watch and stop every process."""
 
 from __future__ import annotations
 
@@ -9,30 +9,23 @@ import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from types import FrameType
-from typing import Final
 
-from trocar.procs.config import load_system
 from trocar.procs.document.process import ON_DEMAND
-from trocar.procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig, from_json
+from trocar.procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig
 from trocar.procs.machine.paths import NoStateFolder
-from trocar.procs.machine.verb_lines import DEFAULT_SYSTEM
-from trocar.procs.node.realtime import cores
-from trocar.procs.supervisor.addresses import NoAddress, at_free_addresses, free_address
-from trocar.procs.supervisor.children import Child, Circle
+from trocar.procs.node.setup_error import SetupError
+from trocar.procs.supervisor.children import Child
+from trocar.procs.supervisor.configuration import Configuration
 from trocar.procs.supervisor.forking import Template
 from trocar.procs.supervisor.gui_token import told
-from trocar.procs.supervisor.listening import AddressTaken
-from trocar.procs.supervisor.supervisor import SetupFailed, Supervisor
+from trocar.procs.supervisor.supervisor import Supervisor
 from trocar.shm.mailbox.origins import CONFINED
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import loglines
 
 CLOCKS = {WALL: "wall, real time", LOCKSTEP: "lockstep, simulated time as fast as the machine allows",
           PACED: "paced, simulated time, never faster than real time: a busy machine only slows it"}
-RECORDER: Final = "TROCAR_RECORDER"
-"""Environment variable; 0: no recorder unless the system file has one, for programs that start hundreds of systems."""
 log = logging.getLogger("supervisor")
 
 
@@ -62,30 +55,12 @@ def supervised(system: SystemConfig, awaits_holder: bool, template: Template) ->
             supervisor.close()
 
 
-def run(chosen: argparse.Namespace, template: Template) -> int:
+def run(chosen: argparse.Namespace, configuration: Configuration, template: Template) -> int:
     """Run one system by its command line; returns the exit code."""
     loglines.begin(sys.stderr)
-    name = chosen.system or DEFAULT_SYSTEM
-    if chosen.document:
-        try:
-            system = at_free_addresses(replace(from_json(chosen.file.read_bytes()), name=name))
-        except (NoAddress, OSError, ValueError) as error:
-            log.error("%s: %s", chosen.file, error)
-            return 1
-        return _run(system, chosen, template)
-    try:
-        loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
-                             bus_address=free_address(name), cores=cores(),
-                             records=os.environ.get(RECORDER) != "0")
-    except NoAddress as error:
-        log.error("%s", error)
-        return 1
-    for problem in (*loaded.errors, *loaded.warnings):  # errors first
-        log.log(logging.ERROR if problem in loaded.errors else logging.WARNING, "%s", problem)
-    if loaded.errors or loaded.system is None:
-        log.error("nothing was started")
-        return 1
-    return _run(loaded.system, chosen, template)
+    with contextlib.ExitStack() as held:
+        system = configuration.document(held)
+        return 1 if system is None else _run(system, chosen, template)
 
 
 def by_state(children: Sequence[Child]) -> str:
@@ -114,11 +89,11 @@ def _run(system: SystemConfig, chosen: argparse.Namespace, template: Template) -
                 supervisor.run(chosen.seconds)
                 log.log(logging.ERROR if supervisor.lost else logging.INFO, "stopping: %s", supervisor.stopping)
                 failed = supervisor.lost or any(c.given_up for c in supervisor.children)
-            except (SetupFailed, Circle, OSError) as error:  # OSError: no log file could be made
+            except (SetupError, OSError) as error:  # OSError: no log file could be made
                 log.error("%s", error)
                 failed = True
             clean = supervisor.stop_all()
-    except (SegmentError, AddressTaken, NoStateFolder) as error:
+    except (SegmentError, SetupError, NoStateFolder) as error:
         log.error("%s", error)
         return 1
     return 1 if failed or not clean else 0

@@ -5,18 +5,18 @@ from __future__ import annotations
 import logging
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+import socket
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
-from functools import partial
 from typing import Final
 
-from trocar.procs.config.loading.processes import ROBOTS
 from trocar.procs.document.process import ELSEWHERE, ON_DEMAND
 from trocar.procs.document.system import WALL, Process, SystemConfig
 from trocar.procs.machine.log_files import put_run_aside
 from trocar.procs.machine.paths import made_log_folder, made_recordings_folder
 from trocar.procs.machine.verb_lines import REMEDY, verb_line
 from trocar.procs.node.realtime import in_words, lacking, realtime, step_back
+from trocar.procs.node.setup_error import SetupError
 from trocar.procs.supervisor import memory
 from trocar.procs.supervisor.children import Child, Demand, Ending, missing, waves
 from trocar.procs.supervisor.forking import Template, reap_orphans
@@ -30,11 +30,13 @@ from trocar.procs.supervisor.requests import Requests
 from trocar.procs.supervisor.shared_pages import lock_shared
 from trocar.procs.supervisor.systemd import Notifier
 from trocar.procs.tables import codes, lifecycle
-from trocar.procs.tables.manifest import SIMULATED_LOST, hung_s, late_s, proc
+from trocar.procs.tables.manifest import ROBOTS, hung_s, lost_s, proc, silence_s
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.audit import Audit
 from trocar.shm.mailbox.mailbox import Mailbox
 from trocar.shm.memory.layout import shorten
+from trocar.shm.memory.parts import in_words as removed_in_words
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.memory.segment import Make
 from trocar.shm.ring.ring import RingWriter
 from trocar.shm.system import directory, loglines
@@ -46,12 +48,8 @@ from trocar.shm.time.lockstep import Timekeeper
 
 BEAT_S: Final = 0.02
 QUICK_BEAT_S: Final = 0.002  # during start and stop, when processes wait for others
-GONE_S: Final = 5.0  # the longest that a killed process takes to be gone
+LOOK_NS: Final = 1_000_000_000
 log = logging.getLogger("supervisor")
-
-
-class SetupFailed(Exception):
-    """A process did not start; the message names it, and the reason."""
 
 
 def highest_priority(rows: Sequence[Process]) -> int:
@@ -66,7 +64,7 @@ class Supervisor:
     """One running system."""
 
     def __init__(self, system: SystemConfig, awaits_holder: bool = False, template: Template | None = None) -> None:
-        """Make all shared memory; SegmentError when the name is taken or memory is full, AddressTaken.
+        """Make all shared memory; SegmentError when the name is taken or memory is full, SetupError.
 
         `awaits_holder`: simulated time does not start until a program holds it back (shm/time/held_time.py).
         """
@@ -81,25 +79,29 @@ class Supervisor:
             self._folder = made_log_folder(os.environ, system.name)
             if system.recorder is not None:
                 made_recordings_folder(os.environ, system.name, system.recorder.folder)
-            held.enter_context(memory.hold_name(system.name))
+            lock = held.enter_context(memory.hold_name(system.name))
             put_run_aside(self._folder, system.logs.keep)
             held.enter_context(gui_token(system))
             self._listening = {row.name: held.enter_context(closing(Listening(row))) for row in system.processes}
-            self._make(memory.maker(system.group))
+            self._make(memory.maker(system.group), lock)
+            held.enter_context(self._segments)
             self._log_keeper = held.enter_context(closing(LogKeeper(self._folder, system.logs)))
             self._held = held.pop_all()  # until here `close` cannot be called
 
-    def _make(self, make: Make) -> None:
+    def _make(self, make: Make, lock: socket.socket) -> None:
         system = self.system
         left = memory.clear_left_over(system.name)
         if left:
             log.warning("removed %d segments that a crashed system left", left)
-        self.size = memory.create_all(system, make)
-        try:
+        self.system = system = memory.fitted(system)
+        if system.shortage:
+            log.warning("%s", system.shortage)
+        with memory.whole_or_none(system):
+            self.size = memory.create_rest(system, make)
             self._begin(make)
-        except BaseException:
-            memory.remove_all(system.name)
-            raise
+            self.size += memory.publish(system, make)
+            self._template.prepare(system.name)
+            self._segments = memory.kept(system, lock)
 
     def _begin(self, make: Make) -> None:
         """Claim our segments in the new memory."""
@@ -123,10 +125,12 @@ class Supervisor:
         self._rows = tuple(row for row in system.processes if row.start != ELSEWHERE)  # those are ours
         self._pages: dict[str, ControlPage] = {}
         self.children = [self._child(row) for row in self._rows]
+        self._waves = [[child for child in self.children if child.row in wave] for wave in waves(self._rows)]
+        self._wave = 0  # the one that starts
         self._demands = [self._demand(child) for child in self.children if child.row.start == ON_DEMAND]
         self._requests, self._clearings = Requests(self.children), Clearings(system)
         self._shown: list[tuple[str, int, int, str, bool]] = []
-        self._awaited: list[Child] = []  # processes that must come up now, or the start fails
+        self._look_at_ns = self._removed = 0
         self.killed = 0  # number of processes that took too long to end
 
     def _writes(self, topic: str) -> RingWriter:
@@ -157,32 +161,23 @@ class Supervisor:
         """Update our heartbeat, always in real time; end if we were stalled so long that our processes have ended."""
         now = monotonic_ns()
         passed_s, self._beat_ns = (now - self._beat_ns) * 1e-9 if self._beat_ns else 0.0, now
-        lost_s = self.system.supervisor_lost_s * (1 if self.system.clock == WALL else SIMULATED_LOST)
-        if passed_s > lost_s and not self.stopping:
+        if passed_s > lost_s(self.system, simulated=self.system.clock != WALL) and not self.stopping:
             self.lost = True
             self.stopping = f"stalled for {passed_s:.1f} s; its processes have ended; start the system again"
         self.page.field("heartbeat_ns")[...] = now
         self._systemd.beat(now)
 
     def start_all(self) -> None:
-        """Start all processes, each after those it needs; SetupFailed names one that did not start."""
+        """Start all processes, each after those it needs; SetupError names one that did not start."""
         self.page.show("STARTING")
         if any(proc(row.kind).is_forked for row in self._rows):
             while not (self.stopping or self._template.has_imported()):
                 self.let_time_pass()
                 self.beat()
-        for wave in waves(self._rows):
-            children = [child for child in self.children if child.row in wave and child.row.start != ON_DEMAND]
-            for child in children:
-                if self.stopping:
-                    return
-                child.start()
-                self.beat()
-            self._awaited = [child for child in children if not proc(child.row.kind).declared]  # no user's process
-            self._step_until(partial(_all_up, self._awaited, self.system.name), lambda: bool(self.stopping))
-            if self.stopping:
-                return
-        self._awaited = []
+        while not (self.stopping or self.step()):
+            pass
+        if self.stopping:
+            return
         self.page.show("RUNNING")
         self._show()
         if self.keeper is not None and not self._awaits_holder:
@@ -203,27 +198,62 @@ class Supervisor:
         finally:
             self._granted = realtime(self._row, self.system.clock)
 
-    def _step_until(self, done: Callable[[], bool], end: Callable[[], bool]) -> None:
-        while not done() and not end():
-            self.step()
+    def step(self) -> bool:
+        """One beat: decide which processes should run, compare them with those that do, and let time pass.
 
-    def step(self) -> None:
-        """One beat: handle commands, watch every process, judge those that run, let time pass."""
-        self._commands()
-        self._watch()
+        Returns whether everything is in place: all are up, or, if we are `stopping`, all have ended.
+        """
+        self._take_commands()
+        self._look()
         self._judge()
-        if self.page.state == "RUNNING" and not self.stopping:
-            for demand in self._demands:
-                demand.beat()
+        is_reached = self._set_targets()
+        self._ensure()
         self._show()  # before answers, so that clients find the new state
         self._requests.answer()
         self._clearings.beat(monotonic_ns())
         self._log_keeper.beat(monotonic_ns())
+        self._look_for_removed(monotonic_ns())
         self.let_time_pass()
         self.beat()
+        return is_reached
+
+    def _set_targets(self) -> bool:
+        """Which processes should run: wave by wave at the start and, in reverse, at the end; meanwhile by demand."""
+        if self.stopping:
+            for wave in reversed(self._waves):
+                for child in wave:
+                    child.stop()
+                if not all(child.is_gone for child in wave):
+                    return False
+        elif self.page.state == "RUNNING":
+            for demand in self._demands:
+                demand.beat()
+        else:
+            while self._wave < len(self._waves):
+                for child in self._waves[self._wave]:
+                    if child.row.start != ON_DEMAND and not child.starts:
+                        child.start()
+                if not _all_up(self._awaited(), self.system.name):
+                    return False
+                self._wave += 1
+        return True
+
+    def _awaited(self) -> list[Child]:
+        """The processes that must come up now, or the start fails: no user's process."""
+        wave = self._waves[self._wave] if self.page.state == "STARTING" and self._wave < len(self._waves) else []
+        return [child for child in wave if child.row.start != ON_DEMAND and not proc(child.row.kind).declared]
+
+    def _ensure(self) -> None:
+        for child in self.children:
+            starts = child.starts
+            if child.ensure(may_begin=not self.stopping):
+                self.events.status(f"{child.row.name} started again (pid {child.process.pid})", child.row.name)
+            if child.starts != starts:
+                self.beat()  # the fork has taken a while
 
     def let_time_pass(self) -> None:
         """Wait one beat of real time; in simulated time, first admit the processes that run."""
+        self._segments.beat()
         beat_s = BEAT_S if self.page.state == "RUNNING" else QUICK_BEAT_S
         if self.keeper is None:
             pause(beat_s)
@@ -240,9 +270,9 @@ class Supervisor:
         while not self.stopping:
             self.step()
             if end is not None and monotonic_ns() >= end:
-                self.stopping = f"{seconds:g} s are over"
+                self.stopping = f"the time limit of {seconds:g} s has passed"
 
-    def _commands(self) -> None:
+    def _take_commands(self) -> None:
         for command in self.mailbox.drain():
             if command.name == "stop" and not command.text:
                 self.stopping = self.stopping or "asked to stop"
@@ -250,22 +280,21 @@ class Supervisor:
             elif self.stopping:
                 command.refuse(f"the system is stopping: {self.stopping}")
             elif self.page.state == "STARTING" and command.name != "stop":
-                command.refuse("the system is starting; ask again when it is up")
+                command.refuse("the system is starting; try again when it is up")
             else:
                 self._requests.take(command)
+        if self.stopping:
+            self._requests.end(f"the system is stopping: {self.stopping}")
 
-    def _watch(self) -> None:
+    def _look(self) -> None:
         reap_orphans([child.process.pid for child in self.children])
         for child in self.children:
-            ending, name = child.look(), child.row.name
-            if ending is not None:
+            if (ending := child.look()) is not None:
                 self._ended(child, ending)
-            if not self.stopping and child.restart_when_due():
-                self.events.status(f"{name} started again (pid {child.process.pid})", name)
 
     def _ended(self, child: Child, ending: Ending) -> None:
         name = child.row.name
-        if not ending.asked and child in self._awaited:
+        if not ending.asked and child in self._awaited():
             log.error("%s ended: %s; the system cannot start without it", name, child.reason)
         elif not ending.asked:
             begins = bool(child.restart_at_ns) and not self.stopping
@@ -285,9 +314,9 @@ class Supervisor:
         """Report late processes, kill hung ones."""
         for verdict in self.judge.beat(monotonic_ns(), self._members()):
             child = next(c for c in self.children if c.row.name == verdict.name)
-            name, seconds, allowed_s = verdict.name, verdict.silent_s, late_s(child.row)
+            name, seconds, allowed_s = verdict.name, verdict.silent_s, silence_s(child.row)
             if verdict.what == LATE:
-                text = f"{name} is late: silent for {seconds:.2f} s, allowed are {allowed_s:g} s"
+                text = f"{name} is late: silent for {seconds:.2f} s; allowed: {allowed_s:g} s"
                 self.events.report(codes.PROCESS_LATE, text, name, value=seconds, limit=allowed_s)
             elif verdict.what == HUNG:
                 log.error("%s hangs: silent for %.2f s; killing it", name, seconds)
@@ -297,6 +326,17 @@ class Supervisor:
             else:
                 self.events.status(f"{name} resumes after {seconds:.2f} s", name)
 
+    def _look_for_removed(self, now_ns: int) -> None:
+        """Report segments whose names another program has removed; our processes have them mapped."""
+        if now_ns < self._look_at_ns:
+            return
+        self._look_at_ns = now_ns + LOOK_NS
+        removed = self._segments.removed()
+        if len(removed) > self._removed:
+            names = [name.split("~", 2)[2] for name in removed]
+            self.events.report(codes.MEMORY_REMOVED, removed_in_words(names, self._segments.count))
+        self._removed = len(removed)
+
     def _members(self) -> Iterator[JudgedProcess]:
         """All running processes, for the judge. In simulated time none is late, and a waiting one does not hang."""
         keeper = self.keeper
@@ -304,7 +344,7 @@ class Supervisor:
             if not child.is_up or self.stopping or self.page.state != "RUNNING":
                 continue
             name, row = child.row.name, child.row
-            late_ns = math.inf if keeper is not None else late_s(row) * 1e9
+            late_ns = math.inf if keeper is not None else silence_s(row) * 1e9
             server = keeper.table.server if keeper is not None and name in keeper.table.asking else ""
             mark, hung_ns = int(self._pages[name].get("heartbeat_ns")), hung_s(row, simulated=keeper is not None) * 1e9
             yield JudgedProcess(name, mark, late_ns, hung_ns, server)
@@ -331,19 +371,15 @@ class Supervisor:
         """Stop in reverse order: ask, wait for `stop_s` of the kind, kill. True when none had to be killed."""
         self.page.show("STOPPING")
         self._systemd.tell("STOPPING=1")
-        self.stopping = self.stopping or "its supervisor ends"
-        self._requests.end(f"the system is stopping: {self.stopping}")
-        for wave in reversed(waves(self._rows)):
-            children = [child for child in self.children if child.row in wave]
-            for child in children:
-                child.stop()
-            # A second request to stop shortens nothing: an io that is killed switches nothing off.
-            self._step_until(partial(_all_ended, children), _all_killed(children))
+        self.stopping = self.stopping or "its supervisor is exiting"
+        while not self.step():  # a second request shortens nothing: an io that is killed switches nothing off
+            pass
         return not self.killed
 
     def close(self) -> None:
         """Remove all shared memory, then release addresses and the name."""
-        memory.remove_all(self.system.name)
+        self._segments.close()  # first, so that what we remove does not look as if another program did
+        remove_all(self.system.name)
         self._template.close()
         self._held.close()
         self._systemd.close()
@@ -351,25 +387,7 @@ class Supervisor:
 
 def _all_up(children: Sequence[Child], system: str) -> bool:
     for child in children:
-        if child.state == lifecycle.STOPPED:
+        if child.starts and not child.runs:
             name = child.row.name
-            raise SetupFailed(f"{name}: {child.reason}; see {verb_line(f'logs {name}', system)}")
+            raise SetupError(f"{name}: {child.reason}; see {verb_line(f'logs {name}', system)}")
     return all(child.is_up for child in children)
-
-
-def _all_killed(children: Sequence[Child]) -> Callable[[], bool]:
-    """A test that becomes true GONE_S after the last pending kill."""
-    last = monotonic_ns()
-
-    def over() -> bool:
-        nonlocal last
-        now = monotonic_ns()
-        if any(child.kill_at_ns for child in children):
-            last = now
-        return now >= last + round(GONE_S * 1e9)
-
-    return over
-
-
-def _all_ended(children: Sequence[Child]) -> bool:
-    return all(child.state == lifecycle.STOPPED for child in children)

@@ -1,7 +1,6 @@
 """The arms of a system by their records, and their bring-up to a common goal: powered on, homed or off.
 
-All arms proceed at the same time, each at its own pace. An arm in FAULT is disabled first and must show DISABLED
-before it is enabled; only an arm that shows ENABLED is homed. Each step has its own time limit.
+All arms proceed at the same time, each at its own pace. Each step has its own time limit.
 """
 
 from __future__ import annotations
@@ -10,8 +9,8 @@ from collections.abc import Sequence
 from typing import Final
 
 from trocar.procs.node.inputs import Input
-from trocar.procs.node.runtime import Node
-from trocar.procs.tables.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, next_word, reached
+from trocar.procs.node.node import Node
+from trocar.procs.tables.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, late, next_word, obstacle, reached
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.origins import Origin
 
@@ -31,9 +30,9 @@ class ArmOnRing:
         self._record, self._client = record, client
         self._fields = {key: record.field(key) for key in ("state", "is_homed", "is_busy", "reason")}
         self.state, self.is_homed, self.is_busy, self.is_fresh = "", False, False, False
-        self.reason = ""
+        self.reason, self.is_done = "", False
         self.refusals: list[str] = []
-        """Refusals of the last command."""
+        """Refusals of the last command; `is_done`: the arm has confirmed that it is carried out."""
         self._asked = 0
 
     def look(self, now_ns: int) -> None:
@@ -43,12 +42,14 @@ class ArmOnRing:
             self.state = self._fields["state"].item().decode()
             self.reason = self._fields["reason"].item().decode(errors="replace")
             self.is_homed, self.is_busy = bool(self._fields["is_homed"]), bool(self._fields["is_busy"])
-        self.refusals += [reply.text for reply in self._client.poll()
-                          if reply.id == self._asked and reply.outcome in ("refused", "failed")]
+        for reply in self._client.poll():
+            if reply.id == self._asked:
+                self.is_done |= reply.outcome == "done"
+                self.refusals += [reply.text] * (reply.outcome in ("refused", "failed"))
 
     def ask(self, word: str, origin: Origin) -> bool:
         """Send a state_command on behalf of its origin; False if it cannot be sent."""
-        self.refusals.clear()
+        self.refusals, self.is_done = [], False
         self._client.on_behalf(origin)
         self._asked = self._client.send("state_command", (), word)
         return bool(self._asked)
@@ -65,10 +66,9 @@ class Step:
 
     def __init__(self, arm: ArmOnRing, goal: str, now_ns: int, origin: Origin) -> None:
         """Begin at once."""
-        self.arm, self.goal, self._origin = arm, goal, origin
-        self.problem, self.is_there = "", False
-        self._asked: list[str] = []
-        self._deadline_ns = now_ns + round(LIMITS_S[DISABLE] * 1e9)
+        self.arm, self._word, self._origin = arm, WORDS[goal], origin
+        self.problem, self.is_there, self._asked = "", False, ""
+        self._deadline_ns = now_ns + round(LIMITS_S[""] * 1e9)
         arm.refusals.clear()  # of earlier commands
 
     @property
@@ -80,31 +80,16 @@ class Step:
         """Check the arm, and send the next command once."""
         if self.is_over:
             return
-        arm = self.arm
-        if arm.is_fresh and self._reached():
+        arm, aim = self.arm, (self._word, self._asked)
+        state = arm.state if arm.is_fresh else ""
+        if reached(*aim, arm.is_done, state, arm.is_homed, arm.is_busy):
             self.is_there = True
-        elif arm.refusals:
-            self.problem = arm.refusals[-1]
-        elif arm.is_fresh and (word := self._next()) and word not in self._asked:
-            if arm.ask(word, self._origin):
-                self._asked.append(word)
-                self._deadline_ns = now_ns + round(LIMITS_S[word] * 1e9)
-        elif arm.is_fresh and arm.state == "FAULT" and "enable" in self._asked:
-            self.problem = f"went to FAULT: {arm.reason}" if arm.reason else "went to FAULT"
+        elif problem := (arm.refusals[-1] if arm.refusals else obstacle(*aim, state, arm.name, arm.reason)):
+            self.problem = problem
+        elif (word := next_word(*aim, state)) and arm.ask(word, self._origin):
+            self._asked, self._deadline_ns = word, now_ns + round(LIMITS_S[word] * 1e9)
         elif now_ns >= self._deadline_ns:
-            why = f": waits: {arm.reason}" if arm.reason else ""
-            self.problem = f"is still {arm.state or 'without a state'}{why}" if arm.is_fresh else "does not answer"
-
-    def _reached(self) -> bool:
-        arm = self.arm
-        reported = self.goal != POWER_OFF or DISABLE in self._asked
-        return reported and reached(WORDS[self.goal], arm.state, arm.is_homed, arm.is_busy)
-
-    def _next(self) -> str:
-        """The next word; also for an arm that is already enabling, so that it follows this command from now on."""
-        if self.arm.state == "FAULT" and ENABLE in self._asked:
-            return ""
-        return next_word(WORDS[self.goal], self.arm.state)
+            self.problem = late(self._word, state, "", arm.reason, "it does not answer")
 
 
 class BringUp:

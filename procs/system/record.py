@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from trocar.procs.system.bring_up import ENABLED, FAULT, ArmOnRing
-from trocar.procs.system.commands import SystemCommands
 from trocar.procs.system.message_hub import MessageHub
 from trocar.procs.system.sound import Sound
+from trocar.procs.system.system_commands import SystemCommands
 from trocar.shm.memory.layout import shorten
 from trocar.shm.system.events import Events
 

@@ -24,7 +24,7 @@ RATE_HZ: Final = 22050
 FADE_S: Final = 0.005  # without it a beep clicks
 WAITING: Final = 8
 GIVE_UP_NS: Final = 90_000_000_000  # the longest beep is 60 s; a program that takes longer hangs, and others wait
-NOBODY: Final = "none"
+NO_PLAYER: Final = "none"
 BEEPS, SPEECH = "beeps (aplay or paplay)", "speech (espeak-ng or espeak)"
 
 
@@ -61,7 +61,7 @@ class Sound:
     def name(self) -> str:
         """The programs in use; "none" without any."""
         paths = [row for row in (self._player and self._player[0], self._speaker) if row]
-        return ", ".join(Path(path).name for path in paths) or NOBODY
+        return ", ".join(Path(path).name for path in paths) or NO_PLAYER
 
     @property
     def lacks(self) -> str:
@@ -121,7 +121,7 @@ class Sound:
         if command in self._failing:
             return ""
         self._failing.add(command)
-        return f"{command} {why}: nothing may have been heard"
+        return f"{command} {why}; the sound may not have been played"
 
     def finish(self) -> None:
         """Wait for the end of the sound being played; not for use in a loop."""

@@ -18,7 +18,7 @@ CUT: Final = 3  # and the safety relays opened
 
 JOINT: Final = "joint"
 SENDER: Final = "ADDRESS:PORT"  # placeholder in the cause of a row
-BUSY: Final = "the computer is too slow or too busy: see trocar doctor and docs/operating.md (real time)"
+BUSY: Final = "the computer is too slow or too busy: see trocar doctor and docs/real-time.md"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +49,7 @@ BAD_READS: Final = Code(
     "bad-reads", ERROR, "io", "no good sample from the controllers within the watchdog time",
     "check the cable and the controllers' supply, then trocar home NAME", 1, POWER_OFF, "s")
 READ_MISSED: Final = Code(
-    "read-missed", WARNING, "io", "a read of the controllers failed; the last output is kept",
+    "read-missed", WARNING, "io", "a read of the controllers failed; the last output is repeated and fades out",
     "harmless if rare; if frequent, check the cable and the controller", 2, NOTHING, "s")
 CURRENT: Final = Code(
     "current", ERROR, "io", "measured motor current above its limit for more than 100 cycles",
@@ -65,7 +65,7 @@ TEMPERATURE_HIGH: Final = Code(
     "lower the load or improve the cooling", 6, NOTHING, "°C")
 POTENTIOMETER: Final = Code(
     "potentiometer", ERROR, "io", "potentiometer and encoder disagree for longer than tolerated",
-    "check the potentiometer, its cable and calibration first; trocar home NAME takes its reading as the position",
+    "before trocar home NAME, check the potentiometer, its cable and calibration: homing trusts its reading",
     7, POWER_OFF, JOINT)
 ENCODER_OVERFLOW: Final = Code(
     "encoder-overflow", ERROR, "io", "encoder counter overflow",
@@ -85,6 +85,8 @@ WATCHDOG: Final = Code(
 WATCHDOG_UNCONFIRMED: Final = Code(
     "watchdog-unconfirmed", WARNING, "io", "the watchdog period was written, but the controller does not confirm it",
     "power stays off until it does; check the controller's cable and supply", 33, NOTHING)
+FIRMWARE_UNKNOWN: Final = Code("firmware-unknown", WARNING, "io", "unknown firmware; its data look like Rev 9's",
+                               "load Rev 9; without io.unknown_firmware it is only read (docs/boards.md)", 34, NOTHING)
 AMPLIFIER: Final = Code(
     "amplifier", ERROR, "io, arm, suj", "an amplifier is off although it should be on",
     "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)
@@ -104,10 +106,10 @@ BIAS_FAILED: Final = Code(
     "bias-failed", ERROR, "io", "an encoder did not take the value it was set to",
     "try again; if it recurs, check the potentiometers' values", 18, NOTHING, JOINT, "set to")
 SHARED_BOARD: Final = Code(
-    "shared-board", ERROR, "io", "another robot on the same controller had a fault; power was switched off",
-    "remove the cause of the other robot's fault, then trocar home NAME", 19, POWER_OFF)
+    "shared-board", ERROR, "io", "another arm on the same controller had a fault; power was switched off",
+    "remove the cause of the other arm's fault, then trocar home NAME", 19, POWER_OFF)
 POT_MISSING: Final = Code(
-    "pot-missing", ERROR, "io", "a potentiometer reading has no position in its table; relays were opened",
+    "pot-missing", ERROR, "io", "a potentiometer reading is not in its lookup table; the safety relays were opened",
     "check the arm's cable and that the table belongs to this arm; move the joint by hand and try again", 20, CUT)
 CURRENT_ERROR: Final = Code(
     "current-error", ERROR, "io", "measured and requested motor current differ for longer than tolerated",
@@ -126,10 +128,10 @@ PERIOD_LONG: Final = Code(
     f"{BUSY}, or set a longer io.period_s", 25, NOTHING, "s")
 FOREIGN_DATAGRAMS: Final = Code(
     "foreign-datagrams", WARNING, "io", f"datagrams from {SENDER} are ignored: no controller has this address",
-    "find the program that sends them; on a dedicated network, only io reaches the controllers", 26, NOTHING)
+    "find the program that sends them; use a dedicated network, on which only io reaches the controllers", 26, NOTHING)
 BOARD_AWAY: Final = Code(
     "board-away", ERROR, "io", "the controller has left the bus: it has no power, or its cable is unplugged",
-    "check its supply and its cables; the other controllers are not affected; then trocar home NAME", 27, POWER_OFF)
+    "check its supply and its cables, then trocar home NAME; the other controllers are not affected", 27, POWER_OFF)
 TASK_OVER_BUDGET: Final = Code(
     "task-over-budget", ERROR, "io", "an in-cycle task was too slow and was detached",
     "shorten its step or raise its budget_us (docs/in-cycle.md)", 31, NOTHING)
@@ -146,12 +148,15 @@ HELD_UP: Final = Code(
 # supervisor
 PROCESS_ENDED: Final = Code(
     "process-ended", WARNING, "supervisor", "a process ended by itself", "trocar logs NAME may say why it ended")
-PROCESS_KILLED: Final = Code(
-    "process-killed", WARNING, "supervisor", "a process did not stop in time, and was killed",
-    "trocar logs NAME may say why")
+PROCESS_KILLED: Final = Code("process-killed", WARNING, "supervisor", "a process did not stop in time, and was killed",
+                             "trocar logs NAME may say why")
 PROCESS_LATE: Final = Code(
     "process-late", WARNING, "supervisor", "a process sent no heartbeat for longer than its late_s",
-    "if frequent: the machine is too slow or too busy (trocar doctor, docs/operating.md)")
+    "if frequent: the machine is too slow or too busy (trocar doctor, docs/real-time.md)")
+MEMORY_REMOVED: Final = Code(
+    "memory-removed", WARNING, "supervisor", "another program removed segments from /dev/shm; the robot continues",
+    "usually logind did, at a logout: sudo loginctl enable-linger USER prevents it. To restore them: trocar down, then "
+    "trocar up")
 
 # boards
 BOARDS_LATE: Final = Code(
@@ -175,7 +180,7 @@ BIAS_CHANGED: Final = Code(
     "trocar home NAME; trocar logs --commands shows which program did so")
 IO_SWITCH: Final = Code(
     "io-switch", ERROR, "arm", "io did not carry out a request in time",
-    "fix the cause given here or in the log of io, then trocar home NAME")
+    "fix the cause given in the event or in the log of io, then trocar home NAME")
 BIAS_TIMEOUT: Final = Code(
     "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
     "check the potentiometers' values")
@@ -211,34 +216,34 @@ COMMAND_REFUSED: Final = Code(
     "command-refused", WARNING, "arm, suj, teleop", "a command was refused and had no effect",
     "trocar send NAME lists its commands")
 OWN_STATE: Final = Code(
-    "own-state", WARNING, "arm", "a state of a derived arm requested something impossible and has ended; the arm holds",
+    "own-state", WARNING, "arm", "a derived arm's code requested something impossible; its state ended, the arm holds",
     "change its code as the message says (docs/derived-arms.md)")
 NOT_READY: Final = Code(
     "not-ready", WARNING, "arm", "a motion command or a clutch press was ignored, as the arm is not homed",
     "trocar home NAME")
 UNKNOWN_FRAME: Final = Code(
     "unknown-frame", WARNING, "arm", "a command was given in a frame that the arm does not know",
-    "give it in the arm's reference frame or its base; ros.check_frames: false ignores frames of ROS messages")
+    "use the arm's reference frame or its base; to ignore the frames of ROS messages, set ros.check_frames: false")
 NOT_INSERTED: Final = Code(
     "not-inserted", WARNING, "arm", "Cartesian motion was requested before the tip was past the cannula",
     "insert the instrument or endoscope further, by hand or with move_jp")
 NEAR_RCM: Final = Code(
     "near-rcm", WARNING, "arm", "a goal is too close to the remote centre, where there is no solution",
-    "give a goal further inside")
+    "give a goal farther from the remote centre")
 INVERSE_KINEMATICS: Final = Code(
-    "inverse-kinematics", ERROR, "arm", "a requested pose is out of reach; the command was refused",
+    "inverse-kinematics", ERROR, "arm", "the goal of a move, or a first pose, is out of reach; refused",
     "give a pose within reach")
 AT_LIMIT: Final = Code(
-    "at-limit", WARNING, "arm", "a requested pose is out of reach; the arm follows along its limit",
+    "at-limit", WARNING, "arm", "a pose of a stream is out of reach; the arm follows along its limit",
     "move the goal back")
 CLIPPED: Final = Code(
-    "clipped", WARNING, "arm", "a goal exceeds the limits of a joint; clipped", "give goals within the joint limits")
+    "clipped", WARNING, "arm", "a goal was beyond the limits of a joint; clipped", "give goals within the joint limits")
 EFFORT_CLIPPED: Final = Code(
     "effort-clipped", WARNING, "arm", "requested efforts exceed the limits of motors or joints; clipped",
     "request smaller efforts")
 STREAM_JUMP: Final = Code(
     "stream-jump", WARNING, "arm", "a goal of a stream is too far away; the stream has ended, and the arm holds",
-    "stream from where the arm is (setpoint), or use move_jp, move_cp")
+    "begin the stream at the arm's present setpoint, or use move_jp or move_cp")
 STREAM_REFUSED: Final = Code(
     "stream-refused", WARNING, "arm", "goals were refused: the stream was stopped, or another program is streaming",
     "pause for 0.5 s, or first stop the other program's stream (hold); the message says which")
@@ -250,7 +255,7 @@ CLIENT_TIMEOUT: Final = Code(
     "find out why it stopped or was too slow, then stream again")
 EFFORT_TIMEOUT: Final = Code(
     "effort-timeout", WARNING, "arm, teleop", "the program that sent efforts or wrenches went silent; they have ended",
-    "send them again within 0.1 s for as long as they are to act")
+    "repeat them at least every 0.1 s for as long as they are to act")
 ORIENTATION_LOCK: Final = Code(
     "orientation-lock", WARNING, "arm", "an orientation cannot be locked, or can no longer be held",
     "turn the gripper away from its limit")
@@ -261,24 +266,24 @@ TOOL_UNKNOWN: Final = Code(
     "tool-unknown", ERROR, "arm", "the instrument could not be read or is not in the list",
     "specify it: trocar send NAME set_tool_type TYPE")
 TOOL_NOT_NAMED: Final = Code(
-    "tool-not-named", WARNING, "arm", "an instrument is attached, but neither file nor memory identifies it",
+    "tool-not-named", WARNING, "arm", "an instrument is attached, but neither its file nor its chip identifies it",
     "trocar send NAME set_tool_type, without a type, lists the known types")
 ENDOSCOPE_TYPE: Final = Code(
     "endoscope-type", ERROR, "arm", "an endoscope name is unknown", "use one of the allowed names")
 CPU_OVERLOAD: Final = Code(
-    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs in every second or third period only",
+    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs in every second period only",
     BUSY)
 
 # setup joints
 CLUTCH_RELEASED: Final = Code(
-    "clutch-released", WARNING, "suj", "a clutch by command has ended: after a minute, or without power",
+    "clutch-released", WARNING, "suj", "a clutch command has ended, after a minute or because power went off",
     "clutch again if you still need it")
 CLUTCH_STUCK: Final = Code(
     "clutch-stuck", WARNING, "io, suj", "a button of the setup joints was already pressed when they got power or "
     "their process began; it has no effect until it is released",
     "release the button; if it is not pressed, check it and its cable")
 MULTIPLEXER_CHANNEL: Final = Code(
-    "multiplexer-channel", WARNING, "suj", "the interface board shows another channel than the requested one",
+    "multiplexer-channel", WARNING, "suj", "the interface board reports a channel other than the requested one",
     "harmless if rare; if frequent, check the board and its cable")
 MULTIPLEXER_STUCK: Final = Code(
     "multiplexer-stuck", ERROR, "suj", "the interface board does not switch channels; setup arm positions are unknown",
@@ -291,7 +296,7 @@ SETUP_MOVED: Final = Code(
     "its brakes slip: have them serviced")
 SETUP_BOARD: Final = Code(
     "setup-board", WARNING, "suj", "a potentiometer board of an Si cart cannot be reached, or sends invalid data",
-    "check the board's supply and distance")
+    "check the board's supply and whether it is within Bluetooth range")
 
 # teleoperations
 FAULT_SINCE: Final = Code(
@@ -302,17 +307,17 @@ ARM_ERROR: Final = Code(
     "follow the remedy of the arm's error, then enable teleoperation again")
 ARM_TIMEOUT: Final = Code(
     "arm-timeout", ERROR, "teleop", "one of its arms is silent; following has stopped",
-    "if it does not come back, start it again: trocar start NAME, or its own program; then show presence again")
+    "if it does not come back, start it (trocar start NAME, or its program); then pinch or twist the master's gripper")
 ARM_RESTARTED: Final = Code(
     "arm-restarted", ERROR, "teleop", "one of its arms was restarted; following has stopped",
-    "show presence again; trocar logs NAME says why the arm ended")
+    "pinch or twist the master's gripper to follow again; trocar logs NAME says why the arm ended")
 ARM_IMPLAUSIBLE: Final = Code(
     "arm-implausible", ERROR, "teleop",
     "a master jumped, or a third-party arm sends implausible values; following has stopped",
-    "show presence again; if it recurs, check the master's encoders or the program (docs/third-party-masters.md)")
+    "pinch or twist the master's gripper; if it recurs, check encoders or program (docs/third-party-masters.md)")
 ARM_CLUTCHED: Final = Code(
     "arm-clutched", WARNING, "teleop", "one of its arms is moved by hand; following has stopped",
-    "release the arm's clutch and show presence again")
+    "release the arm's clutch, then pinch or twist the master's gripper")
 ARM_NOT_READY: Final = Code(
     "arm-not-ready", ERROR, "teleop", "one of its arms is no longer enabled and homed",
     "trocar home NAME, then enable teleoperation again")
@@ -321,13 +326,13 @@ ARM_STOPPED: Final = Code(
     "press the pedal again, or enable teleoperation again")
 ARM_TAKEN: Final = Code(
     "arm-taken", WARNING, "teleop", "another program moves a master, or made it hold; following has stopped",
-    "end that program and show presence again")
+    "end that program, then pinch or twist the master's gripper")
 ARM_SETUP_TIMEOUT: Final = Code(
     "arm-setup-timeout", ERROR, "teleop", "one of its arms was not enabled and homed in time",
     "trocar home NAME, then enable teleoperation again")
 BASE_FRAME: Final = Code(
     "base-frame", ERROR, "teleop", "the base frame of one of its arms was changed; following has stopped",
-    "show presence again")
+    "pinch or twist the master's gripper to follow again")
 POSE_UNKNOWN: Final = Code(
     "pose-unknown", ERROR, "teleop", "the pose of an arm or of a base frame is not known",
     "wait for the setup joints, or give the arm a base frame (set_base_frame)")
@@ -337,20 +342,18 @@ MASTER_OUTSIDE: Final = Code(
 CAMERA_JUMP: Final = Code(
     "camera-jump", ERROR, "teleop", "the camera would jump: hands crossed, or one behind the other",
     "bring the hands side by side and press the pedal again")
-NO_JAW: Final = Code(
-    "no-jaw", ERROR, "teleop", "the slave has no jaw to follow the gripper",
-    "mount an instrument or set ignore_jaw")
-TOOL_CHANGED: Final = Code(
-    "tool-changed", ERROR, "teleop", "the slave's instrument was changed while it followed",
-    "enable teleoperation again")
+NO_JAW: Final = Code("no-jaw", ERROR, "teleop", "the slave has no jaw to follow the gripper",
+                     "mount an instrument or set ignore_jaw")
+TOOL_CHANGED: Final = Code("tool-changed", ERROR, "teleop", "the slave's instrument was changed while it followed",
+                           "enable teleoperation again")
 OPERATOR_TIMEOUT: Final = Code(
     "operator-timeout", ERROR, "teleop", "the console went silent while the camera was moved; following has stopped",
     "press the pedal again; if the console does not come back by itself: trocar start NAME")
 OPERATOR_ABSENT: Final = Code(
     "operator-absent", WARNING, "teleop", "no operator detected at the console; following has stopped",
-    "show presence again: pedal or head sensor")
+    "return to the console: press the operator's pedal, or put your head to the sensor")
 TELEOP_WAITING: Final = Code(
-    "teleop-waiting", WARNING, "teleop", "the teleoperation waits before following",
+    "teleop-waiting", WARNING, "teleop", "the teleoperation is waiting for something before it follows",
     "provide what it waits for; usually, move the gripper")
 
 # console, system, third-party programs
@@ -358,42 +361,40 @@ TELEOP_DISABLED: Final = Code(
     "teleop-disabled", WARNING, "console", "an arm had a fault; teleoperation is no longer enabled",
     "once the fault is fixed: trocar send NAME teleop_enable 1")
 HEAD_SENSOR: Final = Code(
-    "head-sensor", WARNING, "console", "head sensor plugged or unplugged; without one, the operator counts as absent",
+    "head-sensor", WARNING, "console", "head sensor plugged in or out; without one, the operator counts as absent",
     "if unplugged: check its cable, and the permission to read it")
-TELEOP_REFUSED: Final = Code(
-    "teleop-refused", WARNING, "console", "a teleoperation refused a request of the console",
-    "trocar status shows the teleoperation's reason")
-SYSTEM_INCOMPLETE: Final = Code(
-    "system-incomplete", ERROR, "system", "the system's power_on, home or power_off did not succeed for all arms",
-    "trocar status says what to do first")
+TELEOP_REFUSED: Final = Code("teleop-refused", WARNING, "console", "a teleoperation refused a request of the console",
+                             "trocar status shows the teleoperation's reason")
+SYSTEM_INCOMPLETE: Final = Code("system-incomplete", ERROR, "system", "power_on, home or power_off did not succeed for "
+                                "all arms", "trocar status says what to do first")
 BEEP_CLIPPED: Final = Code(
     "beep-clipped", WARNING, "system", "a value of a beep was out of range; the nearest allowed one was used",
-    "give values within the range in docs/operating.md")
-SOUND_FAILED: Final = Code(
-    "sound-failed", WARNING, "system", "a sound could not be made",
-    "sounds only inform, nothing else is affected")
+    "give values within the range in docs/teleoperation.md")
+SOUND_FAILED: Final = Code("sound-failed", WARNING, "system", "a sound could not be played",
+                           "sounds only inform, nothing else is affected")
 THIRD_PARTY_ERROR: Final = Code(
-    "third-party-error", ERROR, "third_party", "a third-party program that is an arm reports an error",
+    "third-party-error", ERROR, "third_party", "a third-party program that provides an arm reports an error",
     "see that program; teleoperations that use it stop")
-ROS_REFUSED: Final = Code(
-    "ros-refused", WARNING, "ros_bridge", "a command from ROS was refused, or did not succeed",
-    "docs/commands.md lists what each topic takes")
+ROS_MESSAGE: Final = Code("ros-message", WARNING, "third_party", "an arm from ROS warns, or its message was refused",
+                          "see the program that publishes it; docs/ros.md lists its topics")
+ROS_REFUSED: Final = Code("ros-refused", WARNING, "ros_bridge", "a command from ROS was refused, or did not succeed",
+                          "docs/commands.md lists what each topic takes")
 
 # users' processes
 USER_ERROR: Final = Code(
     "user-error", ERROR, "user", "a user process reports a problem",
     "fix the problem that it names; if it does not resume by itself: trocar restart NAME")
 USER_SLOW: Final = Code(
-    "user-slow", WARNING, "filters", "a filter took longer than its period, and the others of its process waited",
+    "user-slow", WARNING, "filters", "a filter took longer than its period; the others of its process had to wait",
     "make its update faster, its process's period longer, or give it a separate process")
 
 # recorder
 RECORDING_DROPPED: Final = Code(
-    "recording-dropped", WARNING, "recorder", "the disk is full or too slow, something was not recorded",
+    "recording-dropped", WARNING, "recorder", "the disk is full or too slow, so some records were lost",
     "check that the folder is writable and has free space; trocar set recorder.minutes 5 keeps less")
 FAULT_RECORDED: Final = Code(
     "fault-recorded", WARNING, "recorder", "there was a fault; the records before it were saved to a file",
-    "see the file: docs/operating.md, What was recorded")
+    "examine the file as docs/recordings.md describes")
 
 CODES: Final = tuple(row for row in globals().values() if isinstance(row, Code))
 FAULTS: Final = tuple(row for row in CODES if row.number)

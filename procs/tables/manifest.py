@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
@@ -17,6 +18,8 @@ LATE_S: Final = 0.03
 """Silence after which a process of a control loop counts as gone."""
 FILTERS: Final = "filters"
 """The kind that calls several users' processes in one."""
+ROBOTS: Final = ("io", "arm", "above arms")
+"""Priorities of processes that move robots; an io without boards needs no core of its own."""
 SIMULATED_LOST: Final = 10  # factor on `supervisor_lost_s` in simulated time: nothing is at risk, CPUs may be busy
 SIMULATED_HUNG_S: Final = 5.0  # default in simulated time: on a busy machine 0.7 s without CPU time were seen
 
@@ -36,7 +39,7 @@ class ProcessInstance:
     """Empty: as usual for its kind; else ELSEWHERE."""
 
 
-def _nobody(system: SystemConfig) -> Iterable[ProcessInstance]:
+def _none(system: SystemConfig) -> Iterable[ProcessInstance]:
     return ()
 
 
@@ -62,10 +65,10 @@ class Proc:
 
     `topics`: rings of its instances besides `events`; `events`: names of events besides status, warning and error.
     `instances`: those of a system, in order; `sizes`: named sizes of their records.
-    `woken`: a command wakes it between cycles. `phase`: position of its cycle in the period in lock-step; it may sleep
-    for up to `rest` periods.
-    Silence is reported after `late_s`; after `hung_s` the process is killed, and restarted by the restart policy. If
-    `pause_ends`, a process that was stalled for `late_s` restarts as if it had been killed.
+    `woken`: a command wakes it between cycles. `rest_s`: longest sleep while it has nothing to do, see `rest_periods`.
+    `phase`: position of its cycle in the period in lock-step.
+    Silence is reported after `late_s` (see `silence_s`); after `hung_s` the process is killed, and restarted by the
+    restart policy. If `pause_ends`, a process that was stalled for `late_s` restarts as if it had been killed.
     `stop_s`: time limit to end on request; `on_exit`: consequences of the end, in the words of `trocar stop`.
     `on_kill`: further consequences if it is killed.
     `priority`: that of a section of `trocar:`, slightly above that of arms, or below all that move robots; without
@@ -84,7 +87,7 @@ class Proc:
     on_exit: str
     topics: tuple[str, ...] = ("state",)
     events: tuple[str, ...] = ()
-    instances: Callable[[SystemConfig], Iterable[ProcessInstance]] = _nobody
+    instances: Callable[[SystemConfig], Iterable[ProcessInstance]] = _none
     sizes: Callable[[SystemConfig, str], Sizes] = sizes.fixed
     priority: Literal["", "emulation", "io", "above arms", "arm", "least"] = ""
     woken: bool = False
@@ -95,7 +98,7 @@ class Proc:
     reserved: float = 0.0
     budget_us: float = 0.0
     hung_s: float = 1.0
-    rest: int = 1
+    rest_s: float = 0.0
     start: Literal["always", "on-demand"] = "always"
     is_first: bool = False
     declared: bool = False
@@ -134,11 +137,11 @@ PROCS: tuple[Proc, ...] = (
     Proc("arm", 1 / 1500, LATE_S, 3.0, "io holds its position; a restart recovers its state",
          ("state", "setpoint"), ("operating_state", "goal_reached"),
          lambda system: [ProcessInstance(arm.name, arm.period_s, (arm.io,)) for arm in system.arms],
-         sizes.of_arm, "arm", phase=0.5, budget_us=150, rest=3),
+         sizes.of_arm, "arm", woken=True, phase=0.5, budget_us=150, rest_s=0.01),
     Proc("suj", 1 / 500, LATE_S, 3.0, "brakes engage and base frames become unknown; a restart recovers its state",
          ("state", "setpoint"), ("operating_state",),
          lambda system: [ProcessInstance(cart.name, cart.period_s, (cart.io,)) for cart in system.carts],
-         sizes.of_cart, "arm", phase=0.75, budget_us=150),
+         sizes.of_cart, "arm", woken=True, phase=0.75, budget_us=150, rest_s=0.016),
     Proc("focus", 0.01, LATE_S, 3.0, "the lens may move on; a restart stops it",
          events=("locked", "focusing_in", "focusing_out"),
          instances=lambda system: [ProcessInstance(row.name, row.period_s,
@@ -148,16 +151,17 @@ PROCS: tuple[Proc, ...] = (
     Proc("teleop", 0.001, LATE_S, 3.0, "the slave holds its position; a restart waits until it is enabled again",
          instances=lambda system: [ProcessInstance(row.name, row.period_s, row.arms)
                                    for rows in (system.teleop_ecms, system.teleop_psms) for row in rows],
-         priority="arm", woken=True, phase=0.75, budget_us=200, rest=10),
+         priority="arm", woken=True, phase=0.75, budget_us=200, rest_s=0.1),
     # Above the arms: it takes little time, and an operator who is not detected for 30 ms counts as absent.
     Proc("console", 0.01, LATE_S, 3.0, "the operator counts as absent; a restart recovers its state",
          instances=lambda system: [
              ProcessInstance(row.name, row.period_s, (*row.teleops, *(wired.io for wired in row.operator_present)))
              for row in system.consoles],
-         sizes=sizes.of_console, priority="above arms", woken=True, phase=0.05, budget_us=300),
+         sizes=sizes.of_console, priority="above arms", woken=True, phase=0.05, budget_us=300,
+         rest_s=0.02),
     Proc("system", 0.01, LATE_S, 3.0, "motion is not affected",
          instances=lambda system: [ProcessInstance("system")],
-         sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500),
+         sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500, rest_s=0.03),
     Proc("socket_bridge", 0.01, 0.3, 3.0, "its clients are disconnected",
          instances=lambda system: [ProcessInstance("socket_bridge", listen=system.socket.listen)]
          if system.socket else [],
@@ -201,16 +205,30 @@ def proc(kind: str) -> Proc:
 
 
 def late_s(row: Process) -> float:
-    """Silence that is reported, s: as configured, else that of its kind; at least twice its longest sleep."""
-    kind = proc(row.kind)
-    return max(kind.late_s if row.late_s is None else row.late_s, 2.0 * kind.rest * row.period_s)
+    """Delay of a cycle that counts as a stall, s: as configured, else that of its kind; at least two periods."""
+    return max(proc(row.kind).late_s if row.late_s is None else row.late_s, 2.0 * row.period_s)
+
+
+def silence_s(row: Process) -> float:
+    """Silence that is reported, s: at least twice its longest sleep."""
+    return max(late_s(row), 2.0 * proc(row.kind).rest_s)
+
+
+def rest_periods(row: Process, timeout_s: float = math.inf) -> int:
+    """Periods of a cycle in which it has nothing to do: at most a third of the `timeout_s` of its readers."""
+    return max(1, int(min(proc(row.kind).rest_s, timeout_s / 3) / row.period_s + 1e-6))
+
+
+def lost_s(system: SystemConfig, *, simulated: bool) -> float:
+    """Silence of the supervisor after which its processes end, s; longer in simulated time."""
+    return system.supervisor_lost_s * (SIMULATED_LOST if simulated else 1)
 
 
 def hung_s(row: Process, *, simulated: bool) -> float:
-    """Silence in real time after which an instance is killed, s; at least `late_s`.
+    """Silence in real time after which an instance is killed, s; at least `silence_s`.
 
     In simulated time nothing is at risk, and the default is longer, for processes that are short of CPU time.
     """
     kind = proc(row.kind)
     usual = max(kind.hung_s, SIMULATED_HUNG_S) if simulated else kind.hung_s
-    return max(usual if row.hung_s is None else row.hung_s, late_s(row))
+    return max(usual if row.hung_s is None else row.hung_s, silence_s(row))

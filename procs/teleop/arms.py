@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import Fields, Input
@@ -16,7 +15,6 @@ from trocar.procs.tables.codes import INVERSE_KINEMATICS
 from trocar.procs.teleop.motion_check import MotionCheck
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.messages import Reply
-from trocar.shm.mailbox.origins import Origin
 from trocar.shm.ring.ring import RingReader
 
 SHOWN_NS: Final = 1_000_000_000  # how long a refusal is shown
@@ -49,9 +47,9 @@ class TeleopArm:
     sets_pace = True
     """The teleoperation synchronizes its cycle with this arm's records."""
 
-    def __init__(self, name: str, record: Input, events: RingReader, sender: LoopClient, *, is_master: bool) -> None:
+    def __init__(self, name: str, record: Input, events: RingReader, commands: LoopClient, *, is_master: bool) -> None:
         """`is_master`: the slave follows this arm, so its motion is checked against a hand's; see MotionCheck."""
-        self.name, self._record, self._events, self._sender = name, record, events, sender
+        self.name, self.record, self.events, self.commands = name, record, events, commands
         field = record.field
         self._state, self._homed, self._busy = field("state"), field("is_homed"), field("is_busy")
         self._sub_state, self._mode, self._known = field("sub_state"), field("control_mode"), field("reference_valid")
@@ -60,7 +58,7 @@ class TeleopArm:
         """Twist of the tip in the reference frame (6,)."""
         self.joint_setpoint, self._tool = field("setpoint_position"), field("tool")
         self._simulated, self._base = field("simulated"), self.base_of(field)
-        self._stops, self._stopped_by = self.stops_of(field)
+        self._stops, self._stopped_by = field("stops"), field("stopped_by")
         self._seen_stops: int | None = None
         self.stopped_by, self._was_free = "", False
         self._has_jaw, self._jaw = field("has_jaw"), field("jaw_setpoint_position")
@@ -77,22 +75,22 @@ class TeleopArm:
         self._ended_ns = -SHOWN_NS
         self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
         self.is_silent, self.fault, self.doubt = True, "", ""
-        self.is_enabled = self.is_ready = self.has_pose = self._reported = self._is_busy = False
-        self._check = MotionCheck(name, self._pose, self.twist) if is_master else None
+        self.is_enabled = self.is_ready = self.has_pose = self.is_known = self._is_busy = False
+        self.check = MotionCheck(name, self._pose, self.twist) if is_master else None
 
     # inputs
 
     def look(self, now_ns: int) -> None:
         """Read the newest record and the replies to commands."""
         self._now_ns = now_ns
-        self.whole, self.rebased, self.stopped_by = self._record.look(now_ns), False, ""
-        self.restarted, self.stamp_ns = self._record.restarted, self._record.stamp_ns
-        self.is_silent = not self._record.fresh
+        self.whole, self.rebased, self.stopped_by = self.record.look(now_ns), False, ""
+        self.restarted, self.stamp_ns = self.record.restarted, self.record.stamp_ns
+        self.is_silent = not self.record.fresh
         if self.restarted:
             self._seen_stops = None
             self.is_moving = self.has_arrived = False
-            if self._check is not None:
-                self._check.forget()
+            if self.check is not None:
+                self.check.forget()
         if self.whole:
             self.is_enabled = self._state.item() == b"ENABLED"
             self.is_ready = self.is_enabled and bool(self._homed)
@@ -102,24 +100,20 @@ class TeleopArm:
             self._look_at_base()
             self._look_at_stops()
             pose, setpoint = self._pose, self._setpoint_pose
-            self._reported = bool(self._known) and math.isfinite(pose.dot(pose) + setpoint.dot(setpoint))
-            if self._reported:
+            self.is_known = bool(self._known) and math.isfinite(pose.dot(pose) + setpoint.dot(setpoint))
+            if self.is_known:
                 self.measured[...], self.setpoint[...] = pose, setpoint
-        if self._check is not None:
+        if self.check is not None:
             objection = self.objection() if self.whole else ""
-            self._check.look(self.stamp_ns, now_ns, known=self._reported, objection=objection)
-            self.fault, self.doubt = self._check.fault, self._check.doubt
-        self.has_pose = self._reported and not self.doubt
-        for answer in self._sender.poll():
+            self.check.look(self.stamp_ns, now_ns, known=self.is_known, objection=objection)
+            self.fault, self.doubt = self.check.fault, self.check.doubt
+        self.has_pose = self.is_known and not self.doubt
+        for answer in self.commands.poll():
             self._hear(answer)
 
     def base_of(self, field: Fields) -> Array:
         """The field with the pose of the arm's base (7,) in the reference frame."""
         return field("base_frame")
-
-    def stops_of(self, field: Fields) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The fields with the count of the arm's stops, and with the sender of the last one."""
-        return field("stops"), field("stopped_by")
 
     def _look_at_stops(self) -> None:
         """Teleoperations send no stops: all are from other programs."""
@@ -204,20 +198,16 @@ class TeleopArm:
     def errors(self) -> list[str]:
         """Errors of the arm since the last call."""
         found = []
-        while self._events.next():
+        while self.events.next():
             if self._severity.item() == ERROR and self._code.item() not in NO_FAULTS:
                 found.append(bytes(self._text.item()).decode(errors="replace"))
         return found
 
     # commands
 
-    def on_behalf(self, origin: Origin) -> None:
-        """Attribute further commands to this operator's command."""
-        self._sender.on_behalf(origin)
-
     def send(self, name: str, values: Sequence[float] | Array = (), text: str = "") -> int:
         """Send a command; returns its number, 0: the arm's mailbox is full."""
-        return self._sender.send(name, values, text)
+        return self.commands.send(name, values, text)
 
     def pursue(self, name: str, values: Array) -> int:
         """Send a goal of a stream; if the arm refuses it, `refuses_goals` until one is accepted."""
@@ -227,6 +217,14 @@ class TeleopArm:
                 self._goals.clear()
             self._goals.add(number)
         return number
+
+    def expect(self, done_to: int, waiting: Sequence[int], pursued: Sequence[int]) -> None:
+        """The native library has sent commands: those up to a number are done, answers to others are still to come.
+
+        `pursued`: those that it has sent as `pursue` does, and perhaps older ones.
+        """
+        self.commands.note(waiting)
+        self._goals = {number for number in self._goals if number > done_to}.union(set(waiting).intersection(pursued))
 
     def move(self, pose: Array) -> None:
         """Move the tip to a pose (7,); `is_moving` until the reply on its end, then `has_arrived` or not."""
@@ -271,25 +269,25 @@ class BaseFrame:
 
     def __init__(self, name: str, record: Input, setup: int | None = None) -> None:
         """`setup`: the index of the setup arm, if `record` is that of setup joints."""
-        self.name, self._record = name, record
-        self._measured = record.field("measured_cp")
-        self._known = record.field("reference_valid" if setup is None else "base_valid")
+        self.name, self.record = name, record
+        self.measured = record.field("measured_cp")
+        self.known = record.field("reference_valid" if setup is None else "base_valid")
         if setup is not None:
-            self._measured, self._known = self._measured[setup], self._known[setup : setup + 1]
-        self._pose = np.zeros(7)
-        self._reported = False
+            self.measured, self.known = self.measured[setup], self.known[setup : setup + 1]
+        self.seen = np.zeros(7)
+        self.is_known = False
 
     def look(self, now_ns: int) -> None:
         """Read the record once a cycle."""
-        if self._record.look(now_ns):
-            self._reported = bool(self._known.item()) and math.isfinite(self._measured.dot(self._measured))
-            if self._reported:
-                self._pose[...] = self._measured
+        if self.record.look(now_ns):
+            self.is_known = bool(self.known.item()) and math.isfinite(self.measured.dot(self.measured))
+            if self.is_known:
+                self.seen[...] = self.measured
 
     @property
     def pose(self) -> Array | None:
         """The pose (7,); None: not known."""
-        return self._pose if self._reported and self._record.fresh else None
+        return self.seen if self.is_known and self.record.fresh else None
 
 
 class Operator:
@@ -300,7 +298,7 @@ class Operator:
     """
 
     def __init__(self, console: str, record: Input | None) -> None:
-        self.console, self._record = console, record
+        self.console, self.record = console, record
         self.absence, self.is_silent, self.clutch = "", record is not None, False
         if record is not None:
             self._valid, self._present = record.field("valid"), record.field("operator_present")
@@ -308,10 +306,10 @@ class Operator:
 
     def look(self, now_ns: int) -> None:
         """Once a cycle; a restarted console counts as silent for that cycle."""
-        if self._record is None:
+        if self.record is None:
             return
-        whole = self._record.look(now_ns)
-        self.is_silent = self._record.restarted or not self._record.fresh
+        whole = self.record.look(now_ns)
+        self.is_silent = self.record.restarted or not self.record.fresh
         if whole:
             self.clutch = bool(self._clutch)
         if self.is_silent:

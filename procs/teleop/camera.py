@@ -68,7 +68,7 @@ def outside(name: str, place: Array) -> str:
         return ""
     at = ", ".join(f"{value:.3f}" for value in place)
     return (f"{name} is at ({at}) m, it must be within x ±0.4, y ±0.2, z 0.01 to 0.8: is its base frame set to the "
-            "view's?")
+            "view's frame?")
 
 
 def too_close(left: Array, right: Array, least: float = APART) -> str:
@@ -79,8 +79,8 @@ def too_close(left: Array, right: Array, least: float = APART) -> str:
     apart = float(np.linalg.norm(_cross(right - left, _unit(0.5 * (left + right)))))
     if apart >= least:
         return ""
-    return (f"the masters are {apart * 1e3:.1f} mm apart across the view, at least {least * 1e3:.0f} mm are needed: "
-            "move the hands apart; are the base frames of both masters set?")
+    return (f"the masters are {apart * 1e3:.1f} mm apart in the view; required: {least * 1e3:.0f} mm; "
+            "move the hands apart, and check the base frames of both masters")
 
 
 def _scene(left: Array, right: Array) -> tuple[Array, Array, Array, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -10,13 +11,10 @@ from trocar.procs.document.consoles import TeleopEcmConfig as Settings
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import LATE_S
-from trocar.procs.teleop.arms import Operator, TeleopArm
+from trocar.procs.teleop.arms import TeleopArm
 from trocar.procs.teleop.camera import APART, Camera, outside, too_close
-from trocar.procs.teleop.record import TeleopRecord
-from trocar.procs.teleop.teleop import Teleop
-from trocar.shm.mailbox.generations import Cell
+from trocar.procs.teleop.teleop import StateRow, Teleop, TeleopContext
 from trocar.shm.operator_topics import TeleopState
-from trocar.shm.system.events import Events
 
 JOINTS: Final = 4
 WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when this process does
@@ -30,9 +28,10 @@ class TeleopEcm(Teleop):
     """States and motion of two masters and an ECM; see Teleop. The head sensor is not used, only the console's timeout.
     """
 
-    def __init__(self, settings: Settings, left: TeleopArm, right: TeleopArm, slave: TeleopArm, operator: Operator,
-                 record: TeleopRecord, events: Events, *, faults: Cell) -> None:
-        self.masters, self.slave = (left, right), slave
+    def __init__(self, settings: Settings, left: TeleopArm, right: TeleopArm, slave: TeleopArm,
+                 context: TeleopContext) -> None:
+        super().__init__(settings.name, (left, right, slave), context)
+        self.masters, record = (left, right), context.record
         self.camera = Camera(record.scale(settings.scale), settings.camera_roll_offset)
         self._checks_workspace = settings.check_mtms_workspace
         self._first_turns = np.zeros((2, 3, 3))
@@ -44,7 +43,10 @@ class TeleopEcm(Teleop):
         self._stamps = field("master_stamp_ns"), field("slave_stamp_ns")
         record.show_scale(self.camera.scale)
         field("mtm_is_haptic")[...] = True
-        super().__init__(settings.name, (left, right, slave), operator, record, events, faults)
+
+    def states(self) -> Mapping[TeleopState, StateRow]:
+        return {TeleopState.DISABLED: StateRow(self._leave_masters, self.begin),
+                TeleopState.ENABLED: StateRow(self._begin_following, self._run_following)}
 
     def set_up(self) -> None:
         if not all(arm.has_pose for arm in self.arms):
@@ -61,19 +63,15 @@ class TeleopEcm(Teleop):
         if not close:
             self.go(TeleopState.ENABLED)
 
-    def enter(self, state: TeleopState) -> None:
-        if state is TeleopState.ENABLED:
-            self._begin_following()
-        elif state is TeleopState.DISABLED:
-            for master in self.masters:
-                master.leave()
+    def _leave_masters(self) -> None:
+        for master in self.masters:
+            master.leave()
 
-    def run(self) -> None:
+    def knows_poses(self) -> bool:
         unknown = [arm.name for arm in self.arms if not arm.has_pose]
         if unknown:
             self.stop(codes.POSE_UNKNOWN, f"the pose of {unknown[0]} in its reference frame is not known", unknown[0])
-        elif not self.clutched:
-            self._run_following()
+        return not unknown
 
     def lose(self) -> None:
         if self.operator.is_silent:
@@ -82,13 +80,13 @@ class TeleopEcm(Teleop):
     # ENABLED
 
     def _begin_following(self) -> None:
-        self._was_refused = False
-        self._begin_here()
+        self.was_refused = False
+        self.begin_here()
         self._free_masters()
         if not self.clutched:
             self.follow(True)
 
-    def _begin_here(self) -> None:
+    def begin_here(self) -> None:
         left, right = self.masters
         self.camera.begin(left.measured[:3], right.measured[:3], self.slave.joint_setpoint[:JOINTS])
         self._goal[...] = self.camera.goal
@@ -103,32 +101,36 @@ class TeleopEcm(Teleop):
         self._turned[...] = self.camera.goal
 
     def _run_following(self) -> None:
-        left, right = self.masters
+        if not self.clutched and self._may_follow() and self.takes_goals() and self._send_goal():
+            left, right = self.masters
+            self._guide_masters()
+            self.reason = self.slave.refusal or self.slave.limit or left.refusal or right.refusal
+
+    def _may_follow(self) -> bool:
         taken = [master.name for master in self.masters if master.is_taken]
         if taken:
             self.stop(codes.ARM_TAKEN, f"{taken[0]} is moved or held by another program", taken[0])
-            return
-        if self.slave.has_ended_stream:
-            self.pause()
-            return
-        if self._was_refused and not self.slave.refuses_goals:
-            self.go(TeleopState.SETTING)
-            return
-        if self.slave.refuses_goals:  # the ECM holds, and will not catch up
-            self._was_refused = True
-            self._begin_here()
+        return not taken
+
+    def _send_goal(self) -> bool:
+        """Send the camera's joints for the masters' places; False: it would jump, and following has stopped."""
+        left, right = self.masters
         close = too_close(left.measured[:3], right.measured[:3], MIN_APART)
         if close:
             self.stop(codes.CAMERA_JUMP, close)
-            return
+            return False
         goal = self.camera.step(left.measured[:3], right.measured[:3], left.twist[:3], right.twist[:3])
         if not float(np.abs(goal - self._goal).max()) <= MAX_STEP:
-            self.stop(codes.CAMERA_JUMP, "the camera would jump: hands must not cross, nor stand one behind the other")
-            return
+            self.stop(codes.CAMERA_JUMP, "the camera would jump: hands are crossed, or one behind the other")
+            return False
         self._goal[...] = goal
         if self.slave.pursue("servo_jp", goal):
             self._goal_shown[...], self._sent[...] = goal, self.now_ns
-        turned = float(np.abs(goal - self._turned).max()) > NEW_TURN
+        return True
+
+    def _guide_masters(self) -> None:
+        """Keep their distance by forces, and turn them with the camera."""
+        turned = float(np.abs(self._goal - self._turned).max()) > NEW_TURN
         for master, force, first in zip(self.masters, (self.camera.left_force, self.camera.right_force),
                                         self._first_turns, strict=True):
             if master.is_kinematic:
@@ -139,8 +141,7 @@ class TeleopEcm(Teleop):
                 self._turn[:3, :3] = self.camera.orientation(first)
                 master.send("lock_orientation", pose_from_matrix(self._turn, self._pose)[3:])
         if turned:
-            self._turned[...] = goal
-        self.reason = self.slave.refusal or self.slave.limit or left.refusal or right.refusal
+            self._turned[...] = self._goal
 
     # the clutch
 

@@ -31,42 +31,42 @@ class MotionCheck:
         """`pose` (7,) and `twist` (6,) of the tip, in the reference frame, are views of the newest record."""
         self._name, self._pose, self._twist = name, pose, twist
         self.fault = self.doubt = ""
-        self._last = np.zeros(7)
-        self._has_last = False
-        self._stamp_ns = self._seen_ns = self._steady_ns = 0
-        self._room_m, self._room_rad = STEP_M, STEP_RAD  # remaining: a master that is always too fast uses them up
+        self.last = np.zeros(7)
+        self.has_last = False
+        self.stamp_ns = self.seen_ns = self._steady_ns = 0
+        self.room_m, self.room_rad = STEP_M, STEP_RAD  # remaining: a master that is always too fast uses them up
 
     def forget(self) -> None:
         """The master may be anywhere: the next pose is not compared."""
-        self._has_last = False
+        self.has_last = False
 
     def look(self, stamp_ns: int, now_ns: int, *, known: bool, objection: str = "") -> None:
         """Once a cycle. `known`: the pose is, `objection`: any other problem of the record with this stamp."""
         self.fault = ""
-        if stamp_ns != self._stamp_ns:
+        if stamp_ns != self.stamp_ns:
             wrong = self._judge(stamp_ns, now_ns, known) or objection
             if wrong:
                 if now_ns >= self._steady_ns:  # reported once for a series of faults
                     self.fault = self.doubt = wrong
                 self._steady_ns = now_ns + STEADY_NS
-            self._stamp_ns, self._seen_ns = stamp_ns, now_ns
+            self.stamp_ns, self.seen_ns = stamp_ns, now_ns
         if now_ns >= self._steady_ns:
             self.doubt = ""
 
     def _judge(self, stamp_ns: int, now_ns: int, known: bool) -> str:
-        had_last, self._has_last = self._has_last, known
+        had_last, self.has_last = self.has_last, known
         if not known:
             return ""
-        passed_ns = max(stamp_ns - self._stamp_ns, now_ns - self._seen_ns)
+        passed_ns = max(stamp_ns - self.stamp_ns, now_ns - self.seen_ns)
         wrong = self._jump(min(passed_ns, MAX_STEP_NS) * 1e-9) if had_last else ""
-        self._last[...] = self._pose
+        self.last[...] = self._pose
         return wrong or self._speed()
 
     def _jump(self, passed_s: float) -> str:
-        far, turn = math.dist(self._pose[:3], self._last[:3]), angle_between(self._pose, self._last)
-        room_m, room_rad = self._room_m + MAX_M_S * passed_s - far, self._room_rad + MAX_RAD_S * passed_s - turn
-        self._room_m = STEP_M if room_m < 0.0 else min(room_m, STEP_M)
-        self._room_rad = STEP_RAD if room_rad < 0.0 else min(room_rad, STEP_RAD)
+        far, turn = math.dist(self._pose[:3], self.last[:3]), angle_between(self._pose, self.last)
+        room_m, room_rad = self.room_m + MAX_M_S * passed_s - far, self.room_rad + MAX_RAD_S * passed_s - turn
+        self.room_m = STEP_M if room_m < 0.0 else min(room_m, STEP_M)
+        self.room_rad = STEP_RAD if room_rad < 0.0 else min(room_rad, STEP_RAD)
         if room_m < 0.0:
             return f"{self._name} jumped by {far * 1e3:.0f} mm; a hand moves at {MAX_M_S:g} m/s at most"
         if room_rad < 0.0:

@@ -15,13 +15,10 @@ from trocar.procs.node.requests import CommandRefused, Handler, Request, switch
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.tables.operator_waits import ALIGN_ONLY, CLUTCHED
-from trocar.procs.teleop.arms import BaseFrame, Operator, TeleopArm
-from trocar.procs.teleop.record import TeleopRecord
-from trocar.procs.teleop.teleop import Teleop
+from trocar.procs.teleop.arms import BaseFrame, TeleopArm
+from trocar.procs.teleop.teleop import StateRow, Teleop, TeleopContext
 from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
-from trocar.shm.mailbox.generations import Cell
 from trocar.shm.operator_topics import TeleopState
-from trocar.shm.system.events import Events
 
 WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when this process does
 AGAIN_NS: Final = 500_000_000  # until a failed alignment of a master is repeated
@@ -36,10 +33,10 @@ class TeleopPsm(Teleop):
 
     words: Mapping[str, TeleopState] = {**Teleop.words, "align_MTM": TeleopState.ALIGNING}
 
-    def __init__(self, settings: Settings, master: TeleopArm, slave: TeleopArm, operator: Operator,
-                 record: TeleopRecord,
-                 events: Events, jaw_range: JawRange, base: BaseFrame | None = None, *, faults: Cell) -> None:
-        self.settings, self.master, self.slave, self.base = settings, master, slave, base
+    def __init__(self, settings: Settings, master: TeleopArm, slave: TeleopArm, context: TeleopContext,
+                 jaw_range: JawRange, base: BaseFrame | None = None) -> None:
+        super().__init__(settings.name, (master, slave), context)
+        self.settings, self.master, self.base, record = settings, master, base, context.record
         self.mapping = PoseMapping(record.scale(settings.scale), rotation_locked=settings.rotation_locked,
                                    translation_locked=settings.translation_locked)
         self.align = settings.align_mtm
@@ -48,7 +45,6 @@ class TeleopPsm(Teleop):
                               settings.jaw_rate_after_clutch)
         self._jaw_range = jaw_range
         self._was_active = False  # before the clutch
-        self._was_refused = False
         self._tool = ""
         self._aligned_to = np.zeros(7)
         self._aligned_ns = 0
@@ -64,7 +60,6 @@ class TeleopPsm(Teleop):
         self._poses = field("mtm_measured_cp"), field("psm_setpoint_cp")
         self._twist = field("mtm_measured_cv")
         record.show_scale(self.mapping.scale)
-        super().__init__(settings.name, (master, slave), operator, record, events, faults)
         self._show_options()
 
     def commands(self) -> Mapping[str, Handler]:
@@ -81,36 +76,33 @@ class TeleopPsm(Teleop):
         if self.base is not None:
             self.base.look(self.now_ns)
 
+    def states(self) -> Mapping[TeleopState, StateRow]:
+        return {TeleopState.DISABLED: StateRow(self.release, self.begin),
+                TeleopState.ALIGNING: StateRow(self._begin_alignment, self._run_alignment),
+                TeleopState.ENABLED: StateRow(self._begin_following, self._run_following)}
+
     def set_up(self) -> None:
         self.go(TeleopState.ALIGNING)
 
-    def enter(self, state: TeleopState) -> None:
-        if state is TeleopState.DISABLED:
-            if self.settings.mtm_is_haptic:
-                self.master.leave()
-        elif state is TeleopState.ALIGNING:
-            self._begin_alignment()
-        elif state is TeleopState.ENABLED:
-            self._begin_following()
-
-    def run(self) -> None:
-        if not (self.master.has_pose and self.slave.has_pose):
-            self._miss(self.master if not self.master.has_pose else self.slave)
-        elif self.base is not None and self.base.pose is None:
-            self._miss(self.base)
-        elif self.state is TeleopState.ALIGNING:
-            self._run_alignment()
-        elif self.desired is not TeleopState.ENABLED:
-            self.go(self.desired)
-        elif not self.clutched:
-            self._run_following()
-
-    def _miss(self, who: TeleopArm | BaseFrame) -> None:
+    def knows_poses(self) -> bool:
+        who = next((arm for arm in self.arms if not arm.has_pose), None) or self.base
+        if who is None or (who is self.base and self.base.pose is not None):
+            return True
         reason = who.doubt or f"the pose of {who.name} in its reference frame is not known"
         if self.state is TeleopState.ENABLED:
             self.stop(codes.POSE_UNKNOWN, reason, who.name)
         else:
             self.wait(f"waiting: {reason}")
+        return False
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether it follows, and nothing but following happened in this cycle."""
+        arms_are_fine = all(arm.whole and arm.has_pose and not (arm.is_silent or arm.refusal) for arm in self.arms)
+        return (self.following and self.state is self.desired is TeleopState.ENABLED and arms_are_fine
+                and not (self.clutched or self.reason or self.slave.limit or self.slave.refuses_goals
+                         or self.was_refused or self.operator.absence or self.operator.is_silent)
+                and self._wrench is None and (self.base is None or self.base.pose is not None))
 
     def lose(self) -> None:
         self.forget_presence()
@@ -122,6 +114,9 @@ class TeleopPsm(Teleop):
     def forget_presence(self) -> None:
         self.presence.forget()
         self._was_active = False
+
+    def keep_presence(self) -> None:
+        self._was_active = self.presence.is_active
 
     # ALIGNING_MTM
 
@@ -165,11 +160,7 @@ class TeleopPsm(Teleop):
         if self.operator.absence:
             self.wait(f"waiting: {self.operator.absence}")
             return
-        if master.is_busy or slave.is_busy:  # the roll that alignment causes is not the operator's
-            self.presence.forget_roll()
-            self.presence.look(master.gripper, math.nan)
-        else:
-            self.presence.look(master.gripper, roll_between(master.measured, self._aligned_to))
+        self._look_for_hand()
         start = Start(error if self.align else 0.0, settings.start_orientation_tolerance, self.presence.is_active,
                       master.is_busy)
         reason = waiting_for(master.name, start)
@@ -177,6 +168,14 @@ class TeleopPsm(Teleop):
             self.go(TeleopState.ENABLED)
         else:
             self.wait(f"{reason} ({master.refusal})" if master.refusal else reason)
+
+    def _look_for_hand(self) -> None:
+        master = self.master
+        if master.is_busy or self.slave.is_busy:  # the roll that alignment causes is not the operator's
+            self.presence.forget_roll()
+            self.presence.look(master.gripper, math.nan)
+        else:
+            self.presence.look(master.gripper, roll_between(master.measured, self._aligned_to))
 
     def _keep_aligned(self) -> None:
         """Align again when the slave has turned, or the master did not arrive."""
@@ -189,14 +188,14 @@ class TeleopPsm(Teleop):
     # ENABLED
 
     def _begin_following(self) -> None:
-        self.reason, self._was_refused, self._tool = "", False, self.slave.tool
+        self.reason, self.was_refused, self._tool = "", False, self.slave.tool
         self.jaw.use(*(self._jaw_range(self._tool) or (0.0, self.settings.gripper_max)))
-        self._begin_here()
+        self.begin_here()
         self._free_master(self.mapping.rotation_locked)
         self._wrench = None
         self.follow(True)
 
-    def _begin_here(self) -> None:
+    def begin_here(self) -> None:
         self.mapping.begin(self.master.measured, self.slave.setpoint, self._base_pose)
         self.jaw.begin(self.slave.jaw)
 
@@ -212,42 +211,45 @@ class TeleopPsm(Teleop):
                 self.master.send("lock_orientation" if locked else "unlock_orientation")
 
     def _run_following(self) -> None:
-        master, slave, settings, values = self.master, self.slave, self.settings, self._values
-        if not (settings.ignore_jaw or slave.has_jaw):
+        master, slave = self.master, self.slave
+        if self.desired is not TeleopState.ENABLED:
+            self.go(self.desired)
+        elif not self.clutched and self._may_follow() and self.takes_goals():
+            self._send_goal()
+            if not self.settings.ignore_jaw:
+                self._send_jaw()
+            if self._wrench is not None and self.settings.mtm_is_haptic:
+                self._pass_wrench(self._wrench)
+            self._error_shown[...] = angle_between(master.measured, slave.setpoint)
+            self.reason = slave.refusal or slave.limit or master.refusal
+
+    def _may_follow(self) -> bool:
+        """Whether instrument and master are as they were when following began."""
+        master, slave = self.master, self.slave
+        if not (self.settings.ignore_jaw or slave.has_jaw):
             self.stop(codes.NO_JAW, f"{slave.name} no longer has a jaw", slave.name)
-            return
-        if slave.tool != self._tool:
+        elif slave.tool != self._tool:
             self.stop(codes.TOOL_CHANGED, f"the instrument of {slave.name} was changed", slave.name)
-            return
-        if settings.mtm_is_haptic and master.is_taken:
+        elif self.settings.mtm_is_haptic and master.is_taken:
             self.interrupt(codes.ARM_TAKEN, f"{master.name} is moved or held by another program", master.name)
-            return
-        if slave.has_ended_stream:  # as after the clutch
-            self._was_active = self.presence.is_active
-            self.pause()
-            return
-        if slave.refuses_goals:  # the slave holds, and will not catch up
-            self._was_refused = True
-            self._begin_here()
-        elif self._was_refused:  # as after the clutch
-            self._was_active = self.presence.is_active
-            self.go(TeleopState.SETTING)
-            return
-        values[:7] = self.mapping.step(master.measured, self._base_pose)
+        else:
+            return True
+        return False
+
+    def _send_goal(self) -> None:
+        values, settings = self._values, self.settings
+        values[:7] = self.mapping.step(self.master.measured, self._base_pose)
         linear, angular = settings.use_mtm_linear_velocity, settings.use_mtm_angular_velocity
         if linear or angular:
-            values[7:] = self.mapping.velocity(master.twist, linear=linear, angular=angular)
-        if slave.pursue("servo_cp", values if linear or angular else values[:7]):
+            values[7:] = self.mapping.velocity(self.master.twist, linear=linear, angular=angular)
+        if self.slave.pursue("servo_cp", values if linear or angular else values[:7]):
             self._goal_shown[...], self._sent[...] = values[:7], self.now_ns
-        if not settings.ignore_jaw:
-            jaw = self.jaw.step(master.gripper, self.passed_s)
-            self._jaw_shown[...], self._ghost[...] = jaw, self.jaw.ghost
-            if abs(jaw - slave.jaw) > SAME_JAW:
-                slave.send("jaw/servo_jp", (jaw,))
-        if self._wrench is not None and settings.mtm_is_haptic:
-            self._pass_wrench(self._wrench)
-        self._error_shown[...] = angle_between(master.measured, slave.setpoint)
-        self.reason = slave.refusal or slave.limit or master.refusal
+
+    def _send_jaw(self) -> None:
+        jaw = self.jaw.step(self.master.gripper, self.passed_s)
+        self._jaw_shown[...], self._ghost[...] = jaw, self.jaw.ghost
+        if abs(jaw - self.slave.jaw) > SAME_JAW:
+            self.slave.send("jaw/servo_jp", (jaw,))
 
     def _pass_wrench(self, wrench: Array) -> None:
         """Pass a wrench to the master, as long as its sender repeats it."""
@@ -263,7 +265,7 @@ class TeleopPsm(Teleop):
     # the clutch
 
     def press(self) -> None:
-        self._was_active = self.presence.is_active
+        self.keep_presence()
         self._free_master(self.align or self.mapping.rotation_locked)
 
     def release(self) -> None:
@@ -273,7 +275,7 @@ class TeleopPsm(Teleop):
     def set_clutch(self, pressed: bool) -> None:
         """See Teleop; a click while not clutched also restarts, and does not end presence."""
         if not pressed and not self.clutched:
-            self._was_active = self.presence.is_active
+            self.keep_presence()
         if not (pressed and self.clutched):  # else restore the presence from before
             super().set_clutch(pressed)
 

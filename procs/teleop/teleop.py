@@ -6,8 +6,9 @@ records are arrays given to it. No call waits: the effect of commands to arms sh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Final
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Request, carry_out
 from trocar.procs.tables import codes
@@ -16,7 +17,7 @@ from trocar.procs.tables.operator_waits import BY_HAND, CLUTCHED
 from trocar.procs.teleop.arms import Operator, TeleopArm
 from trocar.procs.teleop.record import TeleopRecord
 from trocar.shm.mailbox.generations import Cell
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 from trocar.shm.operator_topics import TeleopState
 from trocar.shm.system.events import Events
 
@@ -24,44 +25,66 @@ MARGIN_NS: Final = 50_000_000  # for goals in transit when a stream was ended
 SETTING_NS: Final = 60_000_000_000  # time for arms to be homed
 REPORT_NS: Final = 2_000_000_000
 PRESSED, CLICKED = 1.0, 2.0
-
-
 NEEDS_ARMS: Final = frozenset((TeleopState.ALIGNING, TeleopState.ENABLED))
 
 
+@dataclass(frozen=True, slots=True)
+class TeleopContext:
+    """What a teleoperation needs from its process, besides its arms."""
+
+    operator: Operator
+    record: TeleopRecord
+    events: Events
+    faults: Cell
+    """Of its arms; commands given before a fault are void."""
+
+
+def nothing() -> None:
+    """No action."""
+
+
+class StateRow(NamedTuple):
+    """The work of a state: on entry, and every cycle while another state than DISABLED is desired."""
+
+    enter: Callable[[], None] = nothing
+    run: Callable[[], None] = nothing
+
+
 class Teleop:
-    """One teleoperation; derived classes add commands, the work in each state and the effect of the clutch."""
+    """One teleoperation; derived classes add commands, rows of the table of states and the effect of the clutch."""
 
     words: Mapping[str, TeleopState] = {"enable": TeleopState.ENABLED, "disable": TeleopState.DISABLED}
 
-    def __init__(self, name: str, arms: tuple[TeleopArm, ...], operator: Operator, record: TeleopRecord,
-                 events: Events,
-                 faults: Cell) -> None:
-        """Starts DISABLED after a restart, too: following begins only after a new command.
-
-        `faults`: those of its arms; commands given before a fault are void.
-        """
-        self.name, self.arms, self.operator, self.record, self.events = name, arms, operator, record, events
-        self._faults = faults
-        self.origin: Origin = NOBODY
+    def __init__(self, name: str, arms: tuple[TeleopArm, ...], context: TeleopContext) -> None:
+        """Starts DISABLED after a restart, too: following begins only after a new command."""
+        self.name, self.arms, self.slave, self.faults = name, arms, arms[-1], context.faults
+        self.operator, self.record, self.events = context.operator, context.record, context.events
+        self.origin: Origin = NO_ORIGIN
         """The operator's command that is carried out."""
         self.state = self.desired = TeleopState.DISABLED
         self.following = self.clutched = False
         self.reason = ""
-        self.now_ns = self.entered_ns = self._last_ns = self._paused_until_ns = 0
+        self.now_ns = self.entered_ns = self.last_ns = self._paused_until_ns = 0
         self.passed_s = 0.0
         self._reported_ns = -REPORT_NS
         self._asked: set[tuple[str, str]] = set()
         self._recovering = False
         """SETTING_ARMS_STATE because an arm was lost, not by command."""
+        self.was_refused = False
+        """The slave has refused goals since following began."""
         self._table: dict[str, Handler] = {
             "state_command": self._state_command, "clutch": self._clutch, "set_scale": self._set_scale,
             **self.commands()}
+        self._states = {TeleopState.SETTING: StateRow(run=self._set_arms), **self.states()}
 
     # overridden by each kind
 
     def commands(self) -> Mapping[str, Handler]:
         """Additional commands."""
+        return {}
+
+    def states(self) -> Mapping[TeleopState, StateRow]:
+        """The work of all states but SETTING_ARMS_STATE; that of DISABLED is to `begin`."""
         return {}
 
     def look(self) -> None:
@@ -70,11 +93,12 @@ class Teleop:
     def set_up(self) -> None:
         """All arms are ready: enter the next state, or `stop`."""
 
-    def enter(self, state: TeleopState) -> None:
-        """Actions on entering a state."""
+    def knows_poses(self) -> bool:
+        """Whether the poses needed in ALIGNING_MTM and ENABLED are known; otherwise reports which is not."""
+        return True
 
-    def run(self) -> None:
-        """One cycle of ALIGNING_MTM or ENABLED; all arms are ready and their records good."""
+    def begin_here(self) -> None:
+        """Follow from the present poses on."""
 
     def press(self) -> None:
         """The clutch was pressed; following has ended."""
@@ -83,7 +107,10 @@ class Teleop:
         """The clutch was released while the desired state is DISABLED."""
 
     def forget_presence(self) -> None:
-        """Require the operator to show presence again."""
+        """Require the operator to pinch or twist the master's gripper before following resumes."""
+
+    def keep_presence(self) -> None:
+        """An interruption as by the clutch: presence need not be shown again."""
 
     def lose(self) -> None:
         """The operator is absent or not observable while ALIGNING_MTM or ENABLED."""
@@ -103,8 +130,8 @@ class Teleop:
 
     def step(self, now_ns: int, requests: Iterable[Request]) -> None:
         """One cycle: read inputs, answer commands, act, fill the record."""
-        self.passed_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else 0.0
-        self.now_ns = self._last_ns = now_ns
+        self.passed_s = (now_ns - self.last_ns) * 1e-9 if self.last_ns else 0.0
+        self.now_ns = self.last_ns = now_ns
         for arm in self.arms:
             arm.look(now_ns)
         was_silent = self.operator.is_silent
@@ -117,8 +144,9 @@ class Teleop:
             self.set_clutch(self.operator.clutch)
         if self.state in NEEDS_ARMS and self.operator.absence and self.desired is not TeleopState.DISABLED:
             self.lose()
-        if self.desired is not TeleopState.DISABLED:
-            self._run()
+        if self.desired is not TeleopState.DISABLED and (self.state not in NEEDS_ARMS or (
+                all(arm.whole for arm in self.arms) and self.knows_poses())):
+            self._states[self.state].run()
         self._show()
 
     def leave(self, now_ns: int) -> None:
@@ -126,17 +154,13 @@ class Teleop:
         self.now_ns = now_ns
         self.desire(TeleopState.DISABLED)
 
-    def _run(self) -> None:
-        if self.state is TeleopState.DISABLED:
-            self.go(TeleopState.SETTING)
-        elif self.state is TeleopState.SETTING:
-            self._set_arms()
-        elif all(arm.whole for arm in self.arms):
-            self.run()
+    def begin(self) -> None:
+        """Leave DISABLED: set up the arms."""
+        self.go(TeleopState.SETTING)
 
     def _supervise(self) -> None:
         """Stop after an arm's error or a fault since the enabling command; interrupt if one is silent or restarted."""
-        if self.desired is not TeleopState.DISABLED and self.origin.generation < self._faults.valid_from:
+        if self.desired is not TeleopState.DISABLED and self.origin.generation < self.faults.valid_from:
             self.stop(codes.FAULT_SINCE, "there has been a fault since it was requested")
         for arm in self.arms:
             errors = arm.errors()
@@ -174,10 +198,22 @@ class Teleop:
         self.events.report(code, f"{self.name}: {text}", component)
         self._begin_anew()
 
-    def pause(self) -> None:
-        """The slave has ended our stream: back to SETTING_ARMS_STATE for the required pause."""
-        self._paused_until_ns = self.now_ns + STREAM_PAUSE_NS + MARGIN_NS
-        self.go(TeleopState.SETTING)
+    def takes_goals(self) -> bool:
+        """Whether the slave can be followed on. While it refuses goals it holds, and following begins again from there.
+
+        Afterwards, and when it has ended our stream, back to SETTING_ARMS_STATE, as after the clutch.
+        """
+        slave = self.slave
+        if slave.has_ended_stream:
+            self._paused_until_ns = self.now_ns + STREAM_PAUSE_NS + MARGIN_NS
+        if slave.has_ended_stream or (self.was_refused and not slave.refuses_goals):
+            self.keep_presence()
+            self.go(TeleopState.SETTING)
+            return False
+        if slave.refuses_goals:
+            self.was_refused = True
+            self.begin_here()
+        return True
 
     def _begin_anew(self) -> None:
         """Back to SETTING_ARMS_STATE; presence has to be shown again.
@@ -189,27 +225,32 @@ class Teleop:
         self._recovering = True
 
     def _set_arms(self) -> None:
-        """Enable and home arms; `home` is refused while an arm is DISABLED, so one after the other."""
-        silent = [arm for arm in self.arms if arm.is_silent]
-        held = [arm for arm in self.arms if arm.is_in_hand]
-        missing = silent or held or [arm for arm in self.arms if not arm.is_ready]
+        """Have all arms enabled and homed, then set up."""
+        missing, why = self._missing()
         if not missing:
             if self.now_ns >= self._paused_until_ns and all(arm.whole for arm in self.arms):
                 self.set_up()
-            return
-        if self.now_ns - self.entered_ns > SETTING_NS:
+        elif self.now_ns - self.entered_ns > SETTING_NS:
             for arm in missing:
                 self.stop(codes.ARM_SETUP_TIMEOUT,
                           f"timed out while setting up {arm.name} state, it is {arm.reported}", arm.name)
-            return
-        if silent or held:
+        elif why:
             names = ", ".join(arm.name for arm in missing)
-            be = "is" if len(missing) == 1 else "are"
-            self.reason = f"waiting: {names} {be} {'silent' if silent else BY_HAND}"
-            return
-        if self._recovering:
+            self.reason = f"waiting: {names} {'is' if len(missing) == 1 else 'are'} {why}"
+        elif self._recovering:
             self._miss_arm(missing[0])
-            return
+        else:
+            self._request_home(missing)
+
+    def _missing(self) -> tuple[list[TeleopArm], str]:
+        """The arms that are not ready; and why no command to them helps, "": one does."""
+        silent, held = ([arm for arm in self.arms if arm.is_silent], [arm for arm in self.arms if arm.is_in_hand])
+        if silent or held:
+            return silent or held, "silent" if silent else BY_HAND
+        return [arm for arm in self.arms if not arm.is_ready], ""
+
+    def _request_home(self, missing: Iterable[TeleopArm]) -> None:
+        """Enable arms, then home them; an arm in FAULT is not disabled first, because teleoperations send no stops."""
         for arm in missing:
             word = "home" if arm.is_enabled else "enable"
             if (arm.name, word) not in self._asked and arm.send("state_command", (), word):
@@ -230,7 +271,7 @@ class Teleop:
             self.reason = ""
         self.events.emit("current_state", state)
         self.events.status(f"{self.name}: current state is {state}", self.name)
-        self.enter(state)
+        self._states[state].enter()
 
     def desire(self, state: TeleopState) -> None:
         """Set another desired state; presence has to be shown for it."""
@@ -257,7 +298,7 @@ class Teleop:
             return
         self.following = on
         if not on:
-            self.arms[-1].leave()
+            self.slave.leave()
         self.events.emit("following", value=float(on))
 
     def wait(self, reason: str) -> None:
@@ -296,7 +337,7 @@ class Teleop:
     def _work_for(self, origin: Origin) -> None:
         self.origin = origin
         for arm in self.arms:
-            arm.on_behalf(origin)
+            arm.commands.on_behalf(origin)
 
     def _set_scale(self, request: Request) -> None:
         scale = float(request.values[0])

@@ -44,16 +44,16 @@ class PoseMapping:
         self.goal: Array = np.array(IDENTITY)
         self.offset: Quaternion = IDENTITY[3:]
         """Rotation from the slave's orientation to the master's: R_masterᵀ · R_goal."""
-        self._first_offset = self.offset
-        self._first_master, self._first_slave = list(IDENTITY), list(IDENTITY)
-        self._first_base: list[float] | None = None
+        self.first_offset = self.offset
+        self.first_master, self.first_slave = list(IDENTITY), list(IDENTITY)
+        self.first_base: list[float] | None = None
 
     def begin(self, master: Array, slave: Array, base: Array | None = None) -> None:
         """Follow from here on: the master's measured pose, the slave's setpoint, its base frame if that moves."""
-        self._first_master, self._first_slave = master.tolist(), slave.tolist()
-        self._first_base = None if base is None else base.tolist()
+        self.first_master, self.first_slave = master.tolist(), slave.tolist()
+        self.first_base = None if base is None else base.tolist()
         self.goal[...] = slave
-        self.offset = self._first_offset = product(conjugate(self._first_master[3:]), self._first_slave[3:])
+        self.offset = self.first_offset = product(conjugate(self.first_master[3:]), self.first_slave[3:])
 
     def rebase(self, master: Array, base: Array | None = None) -> None:
         """The same from the last goal, so that a change of scale or locks moves nothing."""
@@ -62,15 +62,15 @@ class PoseMapping:
     def step(self, master: Array, base: Array | None = None) -> Array:
         """The slave's goal for the master's measured pose; `base`: the slave's base frame now."""
         x, y, z, *turn = master.tolist()
-        p, q, r, *first_turn = self._first_slave
+        p, q, r, *first_turn = self.first_slave
         quaternion: Sequence[float] = first_turn
         if not self.translation_locked:
-            scale, (a, b, c, *_) = self.scale, self._first_master
+            scale, (a, b, c, *_) = self.scale, self.first_master
             p, q, r = p + scale * (x - a), q + scale * (y - b), r + scale * (z - c)
         if not self.rotation_locked:
-            quaternion = product(turn, self._first_offset)
-        if base is not None and self._first_base is not None:
-            p, q, r, quaternion = _carried(self._first_base, base.tolist(), (p, q, r), quaternion)
+            quaternion = product(turn, self.first_offset)
+        if base is not None and self.first_base is not None:
+            p, q, r, quaternion = _carried(self.first_base, base.tolist(), (p, q, r), quaternion)
         i, j, k, w = quaternion
         length = math.copysign(math.sqrt(i * i + j * j + k * k + w * w), w)
         unit = (i / length, j / length, k / length, w / length)
@@ -176,46 +176,46 @@ class JawMapping:
     def __init__(self, gripper_zero: float, gripper_max: float, rate: float, rate_after_clutch: float) -> None:
         """Gripper angles for a jaw at 0 and fully open (rad, not the same); rates of the ghost, rad/s."""
         self._zero, self._max = gripper_zero, gripper_max
-        self._rate, self._slow_rate = rate, rate_after_clutch
+        self.rate, self.slow_rate = rate, rate_after_clutch
         self.ghost = 0.0
-        self._catching_up, self._has_gripper = True, False
-        self._begun = 0.0
+        self.is_catching_up, self.has_gripper = True, False
+        self.begun = 0.0
         self.use(0.0, gripper_max)
 
     def use(self, lower: float, upper: float) -> None:
         """Set the range of the attached jaw, rad."""
-        self._lower = lower
-        self._factor = upper / (self._max - self._zero)
-        self._offset = -self._zero * self._factor
+        self.lower = lower
+        self.factor = upper / (self._max - self._zero)
+        self.offset = -self._zero * self.factor
 
     def jaw_of(self, gripper: float) -> float:
         """The jaw's angle for a gripper angle."""
-        return self._factor * gripper + self._offset
+        return self.factor * gripper + self.offset
 
     def begin(self, jaw: float) -> None:
         """Continue from the jaw's setpoint, slowly until the jaw has caught up with the gripper."""
-        self._begun = jaw
-        if self._factor:
-            self.ghost = (jaw - self._offset) / self._factor
-        self._catching_up, self._has_gripper = True, False
+        self.begun = jaw
+        if self.factor:
+            self.ghost = (jaw - self.offset) / self.factor
+        self.is_catching_up, self.has_gripper = True, False
 
     def step(self, gripper: float, passed_s: float) -> float:
         """The jaw's angle after `passed_s`; `gripper` NaN: the master has none, or its angle is not known any more.
 
         Without a gripper the jaw goes to NO_GRIPPER_JAW; with an unknown angle it stays.
         """
-        if not self._factor:
-            return self._begun
+        if not self.factor:
+            return self.begun
         if math.isfinite(gripper):
-            self._has_gripper = True
+            self.has_gripper = True
         else:
-            gripper = self.ghost if self._has_gripper else (NO_GRIPPER_JAW - self._offset) / self._factor
+            gripper = self.ghost if self.has_gripper else (NO_GRIPPER_JAW - self.offset) / self.factor
         if abs(gripper - self.ghost) < CAUGHT_UP:
-            self._catching_up = False
-        most = (self._slow_rate if self._catching_up else self._rate) * max(0.0, min(passed_s, MAX_LOST_S))
+            self.is_catching_up = False
+        most = (self.slow_rate if self.is_catching_up else self.rate) * max(0.0, min(passed_s, MAX_LOST_S))
         self.ghost += max(-most, min(most, gripper - self.ghost))
         jaw = self.jaw_of(self.ghost)
-        if jaw < self._lower:
-            jaw = self._lower
-            self.ghost = (jaw - self._offset) / self._factor
+        if jaw < self.lower:
+            jaw = self.lower
+            self.ghost = (jaw - self.offset) / self.factor
         return jaw

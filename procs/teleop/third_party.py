@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.inputs import Fields, Input
@@ -31,10 +30,6 @@ class ThirdPartyArm(TeleopArm):
         """Programs do not report bases; a change of base shows as a jump."""
         return np.zeros(7)
 
-    def stops_of(self, field: Fields) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Programs do not count stops."""
-        return np.zeros(()), np.zeros((), "S1")
-
     @property
     def has_jaw(self) -> bool:
         return super().has_jaw and math.isfinite(self.jaw)
@@ -43,7 +38,7 @@ class ThirdPartyArm(TeleopArm):
         if not self._known:
             return ""
         if not all(_is_pose(pose) for pose in self._shown):
-            self._reported = False
+            self.is_known = False
             return f"{self.name} reports an invalid pose"
         had, self._had_gripper = self._had_gripper, bool(self._gripper_valid)
         if had and not self._had_gripper:

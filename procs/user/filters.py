@@ -1,4 +1,4 @@
-"""Several users' filters in one process, which calls each once a period, in the order of the system file.
+"""Users' filters that share a process, which calls each once a period, in the order of the system file.
 
 An error in a filter affects only that filter, which is restarted like a process.
 """
@@ -8,17 +8,14 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Callable
-from functools import partial
 from typing import Final
 
 from trocar.procs.document.process import Process
-from trocar.procs.document.system import WALL
-from trocar.procs.node.life import TimeUp, cause_of, limited
+from trocar.procs.node.life import TimeUp, cause_of, document_of, limited
+from trocar.procs.node.node import Node
 from trocar.procs.tables import codes
-from trocar.procs.tables.manifest import hung_s
-from trocar.procs.user.classes import classes_in, module_named
-from trocar.procs.user.process import UserNode
-from trocar.shm.mailbox.origins import ACTING, NOBODY
+from trocar.procs.user.process import UserLoop, class_in
+from trocar.shm.mailbox.origins import ACTING, NO_ORIGIN
 from trocar.shm.memory.layout import shorten
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
@@ -27,24 +24,22 @@ HEALTHY_NS: Final = 10_000_000_000
 WARN_EVERY_NS: Final = 60_000_000_000
 
 
-def filter_in(module: str) -> type[UserNode]:
+def filter_in(module: str) -> type[UserLoop]:
     """The class of a filter in its module; ImportError when there is not exactly one, or it has a `main`."""
-    found = classes_in(module_named(module), UserNode)
-    if len(found) != 1:
-        raise ImportError(f"{module} has {len(found)} subclasses of trocar.Process; there must be one")
-    if found[0].main is not UserNode.main:
-        raise ImportError(f"{module}: {found[0].__name__} has a main; what shares a process has an update")
-    return found[0]
+    found = class_in(module)
+    if found.main is not UserLoop.main:
+        raise ImportError(f"{module}: {found.__name__} has a main; what shares a process has an update")
+    return found
 
 
 class HostedFilter:
     """One filter in the shared process, and its object while it runs."""
 
-    def __init__(self, system: str, row: Process, find: Callable[[], type[UserNode]], most_s: float) -> None:
+    def __init__(self, system: str, row: Process, find: Callable[[], type[UserLoop]], most_s: float) -> None:
         """`find` gives its class; a setup or update that takes longer than `most_s` is an error."""
         self._system, self._row, self._find, self._most_s = system, row, find, most_s
         self._log = logging.getLogger(row.name)
-        self._process: UserNode | None = None
+        self._process: UserLoop | None = None
         self._begin_ns: int | None = 0  # time of the next start; None: no more starts
         self._begun_ns = self._failures = self._warn_ns = 0
         self._why = ""  # its last failure, shown on its page until it has run without error for HEALTHY_NS
@@ -57,11 +52,16 @@ class HostedFilter:
             self._look_at_time(monotonic_ns() - now)
             self._show_failures(now)
         elif self._begin_ns is not None and now >= self._begin_ns:
-            self._begun_ns, ACTING.origin = now, NOBODY
+            self._begun_ns, ACTING.origin = now, NO_ORIGIN
             self._guarded(self._make)
 
     def _make(self) -> None:
-        self._process = self._find()(self._system, self._row.name)
+        kind, node = self._find(), Node(document_of(self._system), self._row.name)
+        try:
+            self._process = kind(node)
+        except BaseException:
+            node.close()
+            raise
         self._process.begin()
         self._show_failures(self._begun_ns)
 
@@ -75,7 +75,7 @@ class HostedFilter:
             if process.error == self._why:
                 process.error = ""
         elif not process.error:
-            process.own.page.field("error")[...] = self._why.encode()
+            process.node.page.field("error")[...] = self._why.encode()
 
     def _guarded(self, do: Callable[[], None]) -> None:
         try:
@@ -88,7 +88,7 @@ class HostedFilter:
         process, now = self._process, monotonic_ns()
         if process is not None and took_ns > self._row.period_s * 1e9 and now >= self._warn_ns:
             self._warn_ns = now + WARN_EVERY_NS
-            process.own.events.report(codes.USER_SLOW, f"{self._row.name} took {took_ns * 1e-6:.1f} ms of a period of "
+            process.node.events.report(codes.USER_SLOW, f"{self._row.name} took {took_ns * 1e-6:.1f} ms of a period of "
                                       f"{self._row.period_s * 1e3:g} ms; all filters of its process wait meanwhile",
                                       self._row.name)
 
@@ -104,7 +104,7 @@ class HostedFilter:
         else:
             self._begin_ns = now + round(self._row.backoff_s * 2 ** (self._failures - 1) * 1e9)
         if self._process is not None:
-            self._process.own.events.report(codes.USER_ERROR, why, self._row.name)
+            self._process.node.events.report(codes.USER_ERROR, why, self._row.name)
         self._close("FAILED", why)
 
     def stop(self) -> None:
@@ -119,30 +119,6 @@ class HostedFilter:
                 limited(self._most_s, process.quit)
             except (Exception, SystemExit, TimeUp):
                 self._log.exception("its quit ended by an error")
-            process.close()
+            process.node.close()
         with contextlib.closing(ControlPage(self._system, self._row.name, write=True)) as page:
             page.show(state, why)
-
-
-class FiltersLoop(UserNode):
-    """The process that calls the filters, and does nothing else."""
-
-    filters: tuple[HostedFilter, ...] = ()
-
-    def setup(self) -> None:
-        """See UserNode; a filter that fails does not prevent the start of others."""
-        document = self.own.document
-        most_s = 0.5 * hung_s(self.own.row, simulated=document.clock != WALL)
-        self.filters = tuple(
-            HostedFilter(self.system, document.process(row.name), partial(filter_in, row.module), most_s)
-            for row in document.users if row.host == self.name)
-
-    def update(self) -> None:
-        """See UserNode."""
-        for each in self.filters:
-            each.cycle()
-
-    def quit(self) -> None:
-        """See UserNode."""
-        for each in self.filters:
-            each.stop()

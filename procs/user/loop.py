@@ -1,84 +1,52 @@
-"""A user's process: runs the class or function in the module that the system file names."""
+"""A user's process: runs the class or function in the module that the system file names, or several filters."""
 
 from __future__ import annotations
 
-import contextlib
-import faulthandler
-import logging
-import sys
-from types import ModuleType
+from functools import partial
 
-from trocar.procs.document.system import SystemConfig
-from trocar.procs.node.life import SETUP_FAILED, arguments, cause_of, document_of, lived
-from trocar.procs.tables.manifest import FILTERS
-from trocar.procs.user.classes import classes_in, module_named
-from trocar.procs.user.filters import FiltersLoop
-from trocar.procs.user.process import UserNode
-from trocar.shm.mailbox.origins import ACTING
-from trocar.shm.memory.segment import SegmentError
-from trocar.shm.time.control_page import ControlPage
+from trocar.procs.document.system import WALL
+from trocar.procs.node.node import Node
+from trocar.procs.node.runtime import run
+from trocar.procs.tables.manifest import FILTERS, hung_s
+from trocar.procs.user.filters import HostedFilter, filter_in
+from trocar.procs.user.process import UserLoop, class_in
 
 
-class FunctionLoop(UserNode):
-    """A user's process that is a function `main` instead of a class."""
+class FiltersLoop(UserLoop):
+    """The process that calls the filters, and does nothing else."""
 
-    module: ModuleType
+    filters: tuple[HostedFilter, ...] = ()
 
-    def check_commands(self) -> None:
-        """See UserNode; no check, because the function itself makes the handlers."""
+    def setup(self) -> None:
+        """See UserLoop; a filter that fails does not prevent the start of others."""
+        document = self.node.document
+        most_s = 0.5 * hung_s(self.node.row, simulated=document.clock != WALL)
+        self.filters = tuple(
+            HostedFilter(self.system, document.process(row.name), partial(filter_in, row.module), most_s)
+            for row in document.users if row.host == self.name)
 
-    def main(self) -> None:
-        """Call the function."""
-        self.module.main(self)
+    def update(self) -> None:
+        """See UserLoop."""
+        for each in self.filters:
+            each.cycle()
 
-
-def class_in(module: ModuleType) -> type[UserNode]:
-    """The module's subclass of Process, or one that runs its function `main`; ImportError if there is not just one."""
-    classes = classes_in(module, UserNode)
-    if len(classes) == 1:
-        return classes[0]
-    if not classes and callable(getattr(module, "main", None)):
-        return type("UserLoop", (FunctionLoop,), {"module": module})
-    raise ImportError(f"{module.__name__} has {len(classes)} subclasses of trocar.Process; there must be one, or a "
-                      "function main(process)")
-
-
-def found(document: SystemConfig, name: str) -> type[UserNode]:
-    """The class of the process with this name, by the system file."""
-    if document.process(name).kind == FILTERS:
-        return FiltersLoop
-    declared = document.user(name)
-    return UserNode if declared is None else class_in(module_named(declared.module))
+    def quit(self) -> None:
+        """See UserLoop."""
+        for each in self.filters:
+            each.stop()
 
 
-def live(kind: str, own: type[UserNode] | None = None) -> None:
-    """Run a user's process. Exit code 0: ended on request or by itself, 3: setup failed, 4: main failed.
-
-    `own`: a class of ours to run instead.
-    """
-    faulthandler.enable()  # its log shows where it was when the supervisor ends it (SIGABRT), or C code crashes
-    chosen = arguments(kind)
-    log = logging.getLogger(chosen.name)
-    ACTING.confine(chosen.system)  # no operator has started it: it acts only on operators' commands to its system
-    try:
-        process = (own or found(document_of(chosen.system), chosen.name))(chosen.system, chosen.name)
-    except SegmentError as error:  # no such instance, or it is taken
-        log.error("%s", error)
-        sys.exit(SETUP_FAILED)
-    except (Exception, SystemExit) as error:  # in the user's module, or its row
-        log.exception("%s cannot be used", chosen.name)
-        with contextlib.suppress(SegmentError), contextlib.closing(
-                ControlPage(chosen.system, chosen.name, write=True)) as page:
-            page.show("FAILED", cause_of(error))
-        sys.exit(SETUP_FAILED)
-    with lived(process.own, traces=own is None):  # which line of the user's it was
-        process.run()
-    process.close()
+def made(node: Node) -> UserLoop:
+    """The process of this instance, by the system file."""
+    declared = node.document.user(node.name)
+    if node.kind == FILTERS:
+        return FiltersLoop(node)
+    return UserLoop(node) if declared is None else class_in(declared.module)(node)
 
 
 def main() -> None:
     """Run a user's process."""
-    live("user")
+    run("user", made, traces=True)  # which line of the user's it was
 
 
 if __name__ == "__main__":

@@ -15,25 +15,24 @@ from numpy.typing import NDArray
 
 from trocar.procs.crtk.names import Unknown, none_such
 from trocar.procs.crtk.user_rows import arguments_of, handler_of
-from trocar.procs.document.process import ELSEWHERE
-from trocar.procs.document.system import SystemConfig
 from trocar.procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, UserProcess
 from trocar.procs.machine.paths import NoStateFolder, log_folder, made_log_folder
 from trocar.procs.machine.verb_lines import REMEDY
-from trocar.procs.node.life import document_of
-from trocar.procs.node.node_memory import NodeMemory
+from trocar.procs.node.node import Node
+from trocar.procs.node.runtime import Loop
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import proc
+from trocar.procs.user.classes import classes_in, module_named
 from trocar.procs.user.properties import Properties
 from trocar.procs.user.subscription import SLOWEST_NS, Subscription
 from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.generations import Cell
 from trocar.shm.mailbox.origins import ACTING
 from trocar.shm.mailbox.received import Received
 from trocar.shm.memory.layout import shorten
 from trocar.shm.system import directory
-from trocar.shm.system.subscriptions import Subscriber, Subscriptions
+from trocar.shm.system.subscriptions import Subscriber
 from trocar.shm.time.clock import monotonic_ns
-from trocar.shm.time.system_time import SystemTime
 
 BEAT_NS: Final = 50_000_000
 SIMULATED_NS: Final = 2_000_000  # interval of reading the simulated time
@@ -47,112 +46,86 @@ class Watchable(Protocol):
         """Its descriptor."""
 
 
-class UserNode:
+class UserLoop(Loop):
     """Base class: override `setup`, `update` (or `main`), `quit`, and add `on_NAME` for each command NAME."""
 
     LATER: Final = object()
     """A handler's return value if it answers `self.request` later, by `done` or `fail`."""
 
-    def __init__(self, system: str, name: str, period_s: float = 0.0) -> None:
-        """Claim the instance; SegmentError when there is none or it is taken, ValueError when it is not a user's.
-
-        `period_s`: default, that of the system file.
-        """
-        document = document_of(system)
-        declared = document.user(name) or _bare(document, name)
-        self.system, self.name, self.declared = system, name, declared
-        self.is_ours = declared.module != "" or document.process(name).start != ELSEWHERE
-        """Whether the supervisor has started it; otherwise a person has."""
-        self.time = SystemTime(system)
-        self.own = NodeMemory(document, name, self.time.now_ns, simulated=self.time.simulated, period_s=period_s,
-                              is_child=self.is_ours)
-        self.log, self.stop = self.own.log, self.own.stop
+    def __init__(self, node: Node) -> None:
+        """Claim its rings. ValueError: it is not a user process."""
+        super().__init__(node)
+        self.system, self.name, self.time = node.system, node.name, node.clock
+        declared = self.declared = node.document.user(self.name) or _bare(node)
+        self.log, self.stop = node.log, node.stop
         """`stop(reason)` ends the process at its next `tick` or `wait`."""
-        try:
-            self._open()
-        except BaseException:
-            self.close()
-            raise
-
-    def _open(self) -> None:
-        own, declared = self.own, self.declared
-        self._names = {row.name: tuple(field.name for field in row.fields) for row in declared.topics}
-        for row in (directory.topic_of(own.kind, topic) for topic in proc(own.kind).topics):
-            self._names[row.name] = tuple(field.name for field in row.fields)
-        self._take_rings()
-        self.properties = Properties(declared.properties, own.writes(PROPERTIES) if declared.properties else None,
+        of_kind = [directory.topic_of(node.kind, topic) for topic in proc(node.kind).topics]
+        topics = {row.name: [field.name for field in row.fields] for rows in (declared.topics, of_kind) for row in rows}
+        self._rings = {topic: node.writes(topic) for topic in topics}
+        self._fields = {topic: {name: self._rings[topic].field(name) for name in names}
+                        for topic, names in topics.items()}
+        self.properties = Properties(declared.properties, node.writes(PROPERTIES) if declared.properties else None,
                                      self.time)
         self._saved = log_folder(os.environ, self.system) / f"{self.name}.properties.json"
         self.properties.load(self._saved, self.log)
-        self._mailbox, self._wakeup = own.mailbox(), own.page.wakeup()
+        self._mailbox, self._wakeup = node.mailbox(self.guard()), node.page.wakeup()
         self._commands = {row.name: row for row in declared.commands}
-        if taken := self._commands.keys() & {row.name for row in COMMANDS.get(own.kind, ())}:
-            raise ValueError(f"{', '.join(sorted(taken))}: every {own.kind} has this command; it needs another name")
+        if taken := self._commands.keys() & {row.name for row in COMMANDS.get(node.kind, ())}:
+            raise ValueError(f"{', '.join(sorted(taken))}: every {node.kind} has this command; it needs another name")
         self.carries_out: Callable[[Received], object] = self._nothing_else
         """Executes the commands of its kind, besides those that the system file declares."""
         self._subscriptions: list[Subscription] = []
-        self._wanted = Subscriptions(own.page)
         self._poll, self._files = select.poll(), set[int]()
         self._acting = ACTING.origin
         self.request: Received | None = None
         """The command that is being executed."""
-        self.listening = own.listening
+        self.listening = node.listening
         """The sockets of its `listen`, non-blocking: `watch` them, and accept."""
         self.held_up_s = 0.0
-        """Length of a stall before this period after which it restarted, s; otherwise 0."""
-
-    def _take_rings(self) -> None:
-        self._rings = {topic: self.own.writes(topic) for topic in self._names}
-        self._fields = {topic: {name: ring.field(name) for name in self._names[topic]}
-                        for topic, ring in self._rings.items()}
+        """Length of a stall before this period, s; otherwise 0."""
 
     # to override
 
-    def setup(self) -> None:
-        """Open resources; an error here is reported as the result of the start, and `quit` is still called."""
-
-    def main(self) -> None:
-        """Work until `tick` or `wait` returns False; by default, call `update` once a period."""
-        while self.tick():
-            self.update()
-
-    def update(self) -> None:
-        """Do the work of one period."""
-
-    def quit(self) -> None:
-        """Close the resources of `setup`; called once in all cases except kill -9."""
+    def guard(self) -> Cell | None:
+        """Faults after which its power or motion commands need a new operator command; None: no such commands."""
+        return None
 
     # timing
 
     def tick(self) -> bool:
         """End this period, execute commands meanwhile; False when the process must end. Periods are system time."""
-        deadline = self.own.pacing.end_of_work(self.time.now_ns())
-        while not self.own.stopped() and (left := deadline - self.time.now_ns()) > 0:
-            if self._mailbox.has_news:
-                self.process_messages()
-            else:
-                self._rest(max(left, 200_000) if self.time.simulated else left, False)
+        self.node.tick(self._serve)
         self.process_messages()
-        self.own.pacing.begin_work(self.time.now_ns())
-        self.look_for_pause()
+        self._restart_after_stall()
         return not self.stop_reason
 
-    def look_for_pause(self) -> None:
-        """Begin a period; a process that was stalled restarts, if its kind must not continue after a pause."""
-        held_up_ns = self.own.pauses.next(self.own.pacing.period_ns)
-        self.held_up_s = held_up_ns * 1e-9
-        if held_up_ns:
-            for ring in self._rings.values():
-                ring.close()
-            self._take_rings()
-            self.own.report_pause(held_up_ns)
-            self.own.begin()
-            self.own.pauses.begin()
+    def _serve(self, left_ns: int) -> bool:
+        """Execute commands; without any, sleep."""
+        if not self.process_messages():
+            self._rest(max(left_ns, 200_000) if self.time.simulated else left_ns, False)
+        return True
+
+    def look_for_stall(self) -> None:
+        """Begin a period; a stalled process restarts if its kind must not continue after a stall."""
+        self.node.held_up_ns = self.node.pauses.next(self.node.pacing.period_ns)
+        self._restart_after_stall()
+
+    def _restart_after_stall(self) -> None:
+        """Continue as if killed and restarted, with the same values, because `main` is the user's."""
+        node, self.held_up_s = self.node, self.node.held_up_ns * 1e-9
+        if node.held_up_ns:
+            if proc(node.kind).pause_ends:
+                for ring in self._rings.values():
+                    ring.claim_again()
+                node.begin_anew()
+                node.begin()
+            node.held_up_ns = 0
+            node.pauses.begin()
 
     def wait(self, timeout: float) -> bool:
         """Wait for news (a command, subscribed record or watched file), at most `timeout` s; False: it must end."""
         end = monotonic_ns() + round(timeout * 1e9)
-        while not self.own.stopped() and not self.has_news() and (left := end - monotonic_ns()) > 0:
+        while not self.node.stopped() and not self.has_news() and (left := end - monotonic_ns()) > 0:
             self._rest(left, True)
         return not self.stop_reason
 
@@ -165,7 +138,7 @@ class UserNode:
     @property
     def stop_reason(self) -> str:
         """The reason of its end; empty while it runs."""
-        return self.own.stop_reason
+        return self.node.stop_reason
 
     def _rest(self, left_ns: int, looks: bool) -> None:
         """Sleep until a command arrives, at most `left_ns`, and only until the next poll of sources without wake-up."""
@@ -203,31 +176,32 @@ class UserNode:
 
     def beat(self) -> None:
         """Update the heartbeat; `tick`, `wait` and `step` do so, too."""
-        self.own.beat()
+        self.node.beat()
 
     def is_wanted(self, topic: str) -> bool:
         """Whether one of its topics has subscribers; others need not be computed."""
-        self._wanted.look()
-        return bool(self._wanted.wanted & self._wanted.bits(topic))
+        subscriptions = self.node.subscriptions
+        subscriptions.look()
+        return bool(subscriptions.wanted & subscriptions.bits(topic))
 
     def status(self, text: str) -> None:
-        """Report a status message to people."""
-        self.own.events.status(text, self.name)
+        """Publish a status message for operators."""
+        self.node.events.status(text, self.name)
 
     def event(self, name: str, text: str = "", value: float = float("nan")) -> None:
         """Emit an event of this name, for programs."""
-        self.own.events.emit(name, text, code=name, component=self.name, value=value)
+        self.node.events.emit(name, text, code=name, component=self.name, value=value)
 
     @property
     def error(self) -> str:
         """Its present problem, as shown by `trocar status`; empty if there is none."""
-        return bytes(self.own.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
+        return bytes(self.node.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
 
     @error.setter
     def error(self, text: str) -> None:
         if text and text != self.error:
-            self.own.events.report(codes.USER_ERROR, text, self.name, has_remedy=REMEDY in text)
-        self.own.page.field("error")[...] = shorten(text, 399)
+            self.node.events.report(codes.USER_ERROR, text, self.name, has_remedy=REMEDY in text)
+        self.node.page.field("error")[...] = shorten(text, 399)
 
     # input
 
@@ -239,9 +213,9 @@ class UserNode:
         instance, _, ring = topic.partition("/")
         if instance not in (known := directory.instances(self.system)):
             raise Unknown(none_such("process", instance, known))
-        subscriber = self.own.hold(Subscriber(self.system, instance, self.name))
+        subscriber = self.node.hold(Subscriber(self.system, instance, self.name, every=True))
         subscriber.want(ring, *groups)
-        found = Subscription(self.own.hold(directory.reader(self.system, instance, ring)), subscriber, topic)
+        found = Subscription(self.node.hold(directory.reader(self.system, instance, ring)), subscriber, topic)
         self._subscriptions.append(found)
         return found
 
@@ -261,7 +235,7 @@ class UserNode:
         self._poll.unregister(number)
 
     def is_ready(self, file: int | Watchable) -> bool:
-        """Whether a watched file can be read now, or has another of its watched events."""
+        """Whether a watched file is readable now, or another of its watched events is pending."""
         return _number(file) in dict(self._poll.poll(0))
 
     def process_messages(self, most: int = 64) -> int:
@@ -336,43 +310,56 @@ class UserNode:
 
     # start and end
 
-    def run(self) -> None:
-        """Call setup, main and quit; quit also after an error in the first two, which is passed on."""
-        try:
-            self.begin()
-            self.main()
-        finally:
-            self.quit()
-
     def begin(self) -> None:
-        """Call setup, and show the process as running."""
+        """Call `setup`, and show the process as running."""
         self.setup()
         self.check_commands()
-        self.own.begin(self.error)
-        self.own.pacing.begin(self.time.now_ns(), self.time.simulated)
+        self.node.ready(self.error)
+        self.node.pauses.end()  # its program decides when the first period begins
 
     def step(self) -> None:
         """One period of a filter in a shared process: execute commands, then `update`, with the filter's own origin."""
         ACTING.origin = self._acting
         self.beat()
-        self.own.pacing.called(self.time.now_ns())
+        self.node.pacing.called(self.time.now_ns())
         self.process_messages()
         self.update()
-        self.own.pacing.end_of_work(self.time.now_ns())
+        self.node.pacing.end_of_work(self.time.now_ns())
         self._acting = ACTING.origin
 
-    def close(self) -> None:
-        """Release the claim."""
-        self.time.close()
-        self.own.leave()
+
+class FunctionLoop(UserLoop):
+    """A user's process that is a function `main` instead of a class."""
+
+    function: Callable[[UserLoop], object]
+
+    def check_commands(self) -> None:
+        """See UserLoop; no check, because the function itself makes the handlers."""
+
+    def main(self) -> None:
+        """Call the function."""
+        type(self).function(self)
 
 
-def _bare(document: SystemConfig, name: str) -> UserProcess:
+def class_in(name: str) -> type[UserLoop]:
+    """The subclass of Process in the module of this name, or one that runs its function `main`; ImportError if there is
+    not just one.
+    """
+    module = module_named(name)
+    classes = classes_in(module, UserLoop)
+    if len(classes) == 1:
+        return classes[0]
+    if not classes and callable(main := getattr(module, "main", None)):
+        return type("Function", (FunctionLoop,), {"function": main})
+    raise ImportError(f"{module.__name__} has {len(classes)} subclasses of trocar.Process; there must be one, or a "
+                      "function main(process)")
+
+
+def _bare(node: Node) -> UserProcess:
     """A user's process without declarations; ValueError if the process is not a user's."""
-    rows = [row for row in document.processes if row.name == name and proc(row.kind).declared]
-    if not rows:
-        raise ValueError(f"{name} is no process that the system file declares with a module")
-    return UserProcess(name, "", rows[0].period_s)
+    if not proc(node.kind).declared:
+        raise ValueError(f"{node.name} is no process that the system file declares with a module")
+    return UserProcess(node.name, "", node.row.period_s)
 
 
 def _number(file: int | Watchable) -> int:

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.user_process import Property
+from trocar.procs.node.node import NodeClock
 from trocar.shm.ring.ring import RingWriter
-from trocar.shm.time.system_time import SystemTime
 
 
 class Properties(Mapping[str, Any]):
     """Numbers and texts by name; a value out of bounds raises ValueError. Each change is published at once."""
 
-    def __init__(self, rows: tuple[Property, ...], ring: RingWriter | None, time: SystemTime) -> None:
+    def __init__(self, rows: tuple[Property, ...], ring: RingWriter | None, time: NodeClock) -> None:
         self._rows, self._ring, self._time = {row.name: row for row in rows}, ring, time
         self._values = {row.name: row.first for row in rows}
         self._show()

@@ -8,7 +8,7 @@ contains everything needed to repeat a run.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from trocar.shm.mailbox.origins import is_direct
 from trocar.shm.memory.layout import shorten
@@ -17,50 +17,13 @@ from trocar.shm.time.clock import local_ns, monotonic_ns
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from trocar.shm.mailbox.command_row import CommandRow
-    from trocar.shm.mailbox.origins import Origin, SenderId
-    from trocar.shm.memory.holders import Holder
+    from trocar.shm.mailbox.received import Request
     from trocar.shm.ring.ring import RingWriter
 
 NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "sender", "pid", "place", "peer",
          "id", "monotonic_ns", "local_ns")
 REASON = 400  # bytes
 JAW = "jaw"
-
-
-class AuditedCommand(Protocol):
-    """A command, however it arrived."""
-
-    command: CommandRow
-    place: int
-    id: int
-
-    @property
-    def sender(self) -> SenderId:
-        """Which program, and which client of a bridge, sent it."""
-
-    @property
-    def text(self) -> str:
-        """Its text argument."""
-
-    @property
-    def holder(self) -> Holder:
-        """The program that sent it; pid 0: not known."""
-
-    @property
-    def origin_id(self) -> int:
-        """Number of the person's command from which it originates."""
-
-    @property
-    def origin(self) -> Origin:
-        """The person's command from which it originates."""
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """Its numbers, (n,)."""
 
 
 class Audit:
@@ -73,12 +36,12 @@ class Audit:
         self._fields = [ring.field(name) for name in NAMES]
         self._streams: dict[bool, tuple[str, int, int, str, str]] = {}  # of the jaw, and of all else
 
-    def write(self, received: AuditedCommand, outcome: str, reason: str) -> None:
+    def write(self, received: Request, outcome: str, reason: str) -> None:
         """One command has got an answer."""
         command = received.command
-        if command.stream and not (self._every and is_direct(received.origin_id, received.holder.pid)):
+        if command.stream and not (self._every and is_direct(received.origin.id, received.holder.pid)):
             part = command.stream == JAW
-            stream = command.name, received.place, received.origin_id, outcome, reason
+            stream = command.name, received.place, received.origin.id, outcome, reason
             if stream == self._streams.get(part):
                 return
             self._streams[part] = stream

@@ -15,18 +15,18 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import numpy as np
 
 from trocar.shm.mailbox.generations import Faults
 from trocar.shm.mailbox.messages import Reply
-from trocar.shm.mailbox.origins import ACTING, NOBODY, Origin, new_id, program_name
+from trocar.shm.mailbox.origins import ACTING, NO_ORIGIN, Origin, new_id, program_name
 from trocar.shm.mailbox.place import STOP_TRIES, MailboxFull, Place, StopPlace
 from trocar.shm.memory import private
 from trocar.shm.memory.header import SegmentError
-from trocar.shm.memory.segment import path_of, segment_name
+from trocar.shm.memory.segment import segment_name, status_of
 from trocar.shm.time.clock import monotonic_ns
 
 __all__ = ["Client", "LoopClient", "MailboxFull", "Reply", "begin"]
@@ -36,17 +36,15 @@ STREAM_NS: Final = 100_000_000  # a stream that pauses this long has ended
 Key = tuple[int, int, str]
 
 
-class MailboxShare:
-    """Shared by all handles of this process to one mailbox."""
+class SharedPlace(Place):
+    """The place of all handles of this process to one mailbox."""
 
     def __init__(self, system: str, instance: str, program: str) -> None:
         """Attach; SegmentError if there is no such mailbox."""
+        super().__init__(system, instance, program)
         self._address = system, instance, program
-        self.instance = instance
-        self.place = Place(system, instance, program)
-        self.key = _key(self.place.file, system, program)
-        self._rows = {row.name: row for row in self.place.table}
-        self.streams = {row.name for row in self._rows.values() if row.stream}
+        self._rows = {row.name: row for row in self.table}
+        self.streams = {row.name for row in self.table if row.stream}
         self._faults: Faults | None = None
         self._knows_faults = False
         self._stops: StopPlace | None = None
@@ -55,12 +53,12 @@ class MailboxShare:
         self.handles, self._pid, self._is_copy = 0, os.getpid(), False
         self.lock, self._stop_lock = threading.RLock(), threading.RLock()
 
-    def take_place(self) -> None:
+    def claim(self) -> None:
         """Take the place; SegmentError names the holders if all are taken."""
         if self._is_copy:
             raise SegmentError(f"{self.instance}: this was opened by the process that forked us (pid {self._pid}); "
                                "open it here once more")
-        self.place.claim()
+        super().claim()
         self.has_place = True
 
     def generation(self) -> int:
@@ -71,20 +69,26 @@ class MailboxShare:
                 self._faults = Faults(self._address[0])
         return self._faults.generation() if self._faults is not None else 0
 
-    def send(self, handle: Client, name: str, values: Any, text: str, origin: Origin) -> int:
+    def send_for(self, handle: Client, name: str, values: Any, text: str, origin: Origin) -> int:
         """Send through our own place; MailboxFull or SegmentError if there is no room."""
         if not self.has_place:
-            self.take_place()
+            self.claim()
         sent_ns = handle.sent_ns
         if sent_ns and self._stops_something(name, values, text):
             sent_ns = 0
-        number = self.place.send(name, values, text, origin, handle.peer, sent_ns=sent_ns)
-        self._senders[number] = handle
-        if len(self._senders) > KEPT:
-            self._forget_oldest()
+        number = self.send(name, values, text, origin, handle.peer, sent_ns=sent_ns)
+        self.note(handle, (number,))
         return number
 
-    def stop(self, handle: Client, name: str, values: Any, text: str, tries: int) -> int:
+    def note(self, handle: Client, numbers: Iterable[int]) -> None:
+        """Replies to these commands, sent in our place by code that is not Python, are for this handle."""
+        for number in numbers:
+            self._senders[number] = handle
+            if len(self._senders) > KEPT:
+                with contextlib.suppress(KeyError):  # an interrupting handler hands out replies as well
+                    del self._senders[next(iter(self._senders))]
+
+    def stop_for(self, handle: Client, name: str, values: Any, text: str, tries: int) -> int:
         """Through the place for stops; 0 when it is no stop. MailboxFull or SegmentError when there is no room either.
         """
         if self._is_copy or not self._stops_something(name, values, text):
@@ -105,16 +109,11 @@ class MailboxShare:
 
     def _stops_something(self, name: str, values: Any, text: str) -> bool:
         row = self._rows.get(name)
-        numbers = np.asarray(values, dtype=np.float64).reshape(-1)
-        return row is not None and row.is_stop(text, numbers)
-
-    def _forget_oldest(self) -> None:
-        with contextlib.suppress(KeyError):  # an interrupting handler hands out replies as well
-            del self._senders[next(iter(self._senders))]
+        return row is not None and row.is_stop(text, np.asarray(values, dtype=np.float64).reshape(-1))
 
     def hand_out(self) -> None:
         """Give each new reply to its sender; replies to unknown commands belonged to the place's previous client."""
-        replies = self.place.poll() if self.has_place else []
+        replies = self.poll() if self.has_place else []
         if self._stops is not None:
             with self._stop_lock:
                 replies += [] if self._is_stopping else self._stops.answers()
@@ -133,64 +132,60 @@ class MailboxShare:
     def close(self) -> None:
         """Unmap, and free the place."""
         self.has_place = False
-        self.place.close()
+        super().close()
         for part in (self._stops, self._faults):
             if part is not None:
                 part.close()
         self._stops = self._faults = None
 
 
-class Desks:
-    """This process's shares, by the mailbox's file: a mailbox made again under the same name is another one.
+class SharedPlaces:
+    """Those of this process, by the mailbox's file: a mailbox made again under the same name is another one.
 
-    In a system private to this process, loops have desks of their own, as processes do: by the names they report.
+    In a system private to this process, loops have places of their own, as processes do: by the names they report.
     """
 
     def __init__(self) -> None:
-        self._desks: dict[Key, MailboxShare] = {}
+        self._places: dict[Key, SharedPlace] = {}
         self._lock = threading.RLock()
 
-    def open(self, system: str, instance: str, called: str) -> MailboxShare:
-        """The desk for one more handle; SegmentError if there is no such mailbox."""
+    def open(self, system: str, instance: str, called: str) -> SharedPlace:
+        """The place for one more handle; SegmentError if there is no such mailbox."""
+        own = called if private.is_kept(system) else ""
         with self._lock:
-            desk = self._desks.get(_key(_file(system, instance), system, called))
-            if desk is None:
-                desk = MailboxShare(system, instance, called)
-                self._desks[desk.key] = desk
-            desk.handles += 1
-            return desk
+            place = self._places.get((*_file(system, instance), own))
+            if place is None:
+                place = SharedPlace(system, instance, called)
+                self._places[*place.file, own] = place
+            place.handles += 1
+            return place
 
-    def leave(self, desk: MailboxShare) -> None:
+    def leave(self, place: SharedPlace) -> None:
         """A handle is closed; with the last one the place is free."""
         with self._lock:
-            desk.handles -= 1
-            if not desk.handles and self._desks.get(desk.key) is desk:
-                del self._desks[desk.key]
-                desk.close()
+            place.handles -= 1
+            if not place.handles and place in self._places.values():  # else it was closed by a fork
+                self._places = {key: each for key, each in self._places.items() if each is not place}
+                place.close()
 
     def forked(self) -> None:
         """We are in a child."""
         self._lock = threading.RLock()
-        for desk in self._desks.values():
-            desk.forked()
-        self._desks.clear()
-
-
-def _key(file: tuple[int, int], system: str, called: str) -> Key:
-    return *file, called if private.is_kept(system) else ""
+        for place in self._places.values():
+            place.forked()
+        self._places.clear()
 
 
 def _file(system: str, instance: str) -> tuple[int, int]:
-    path = path_of(segment_name(system, instance, "mailbox"))
     try:
-        status = path.stat() if private.is_kept(system) else path.lstat()
+        status = status_of(segment_name(system, instance, "mailbox"))
     except OSError:
         return 0, 0
     return status.st_dev, status.st_ino
 
 
-DESKS: Final = Desks()
-os.register_at_fork(after_in_child=DESKS.forked)
+PLACES: Final = SharedPlaces()
+os.register_at_fork(after_in_child=PLACES.forked)
 
 
 def begin(system: str) -> Origin:
@@ -215,7 +210,7 @@ class Client:
         """
         self._system, self.instance, self.peer = system, instance, peer
         self._time_ns, self._new_number = time_ns, number
-        self.origin: Origin = NOBODY
+        self.origin: Origin = NO_ORIGIN
         """Of the last command sent."""
         self.seen: int | None = None
         """Number of faults that a remote person, informed late, knows of; None: all."""
@@ -224,21 +219,17 @@ class Client:
         always counts from then: it concerns all that was sent before.
         """
         self._whole: Origin | None = None
-        self._stream, self._streamed_ns = NOBODY, -STREAM_NS
+        self._stream, self._streamed_ns = NO_ORIGIN, -STREAM_NS
         self.inbox: list[Reply] = []
-        """Replies that another handle has fetched for this one."""
-        self._desk = DESKS.open(system, instance, holder or called or program_name())
-        self._program, self._closed = called or program_name(), False
+        """Replies that were fetched, also by another handle, and are not collected yet."""
+        self._place = PLACES.open(system, instance, holder or called or program_name())
+        self.program, self._closed = called or program_name(), False
+        """The name that others see in its next commands."""
 
     @property
     def commands(self) -> list[dict[str, Any]]:
         """The owner's command table, as its mailbox describes it."""
-        return self._desk.place.commands
-
-    @property
-    def lost(self) -> int:
-        """Replies to any of our handles that were overwritten before they were read."""
-        return self._desk.place.lost
+        return self._place.commands
 
     def on_behalf(self, origin: Origin) -> None:
         """From now on commands are steps of this one command of a person, see `begin`."""
@@ -250,19 +241,19 @@ class Client:
         `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8. Except for a stop:
         MailboxFull if the owner does not keep up, SegmentError if all places are taken.
         """
-        desk = self._desk
+        place = self._place
         try:
-            with desk.lock:
-                origin = self._own_origin(name in desk.streams)
-                if desk.is_sending:
+            with place.lock:
+                origin = self._own_origin(name in place.streams)
+                if place.is_sending:
                     raise MailboxFull(f"{self.instance}: another command is being sent")
-                desk.is_sending = True
+                place.is_sending = True
                 try:
-                    return desk.send(self, name, values, text, origin)
+                    return place.send_for(self, name, values, text, origin)
                 finally:
-                    desk.is_sending = False
+                    place.is_sending = False
         except (MailboxFull, SegmentError):
-            if number := desk.stop(self, name, values, text, STOP_TRIES):
+            if number := place.stop_for(self, name, values, text, STOP_TRIES):
                 return number
             raise
 
@@ -279,8 +270,8 @@ class Client:
             self._streamed_ns = now_ns
             if sent_ns - last_ns < STREAM_NS:
                 return self._stream
-        generation = self._desk.generation() if self.seen is None else self.seen
-        self.origin = origin = Origin(self._new_number(), generation, self._program)
+        generation = self._place.generation() if self.seen is None else self.seen
+        self.origin = origin = Origin(self._new_number(), generation, self.program)
         if streams:
             self._stream = origin
         return origin
@@ -291,32 +282,41 @@ class Client:
 
     def join(self) -> None:
         """A stream that is under way now began before we came: its goals have no origin until it pauses."""
-        self._stream, self._streamed_ns = NOBODY, self._time_ns()
+        self._stream, self._streamed_ns = NO_ORIGIN, self._time_ns()
 
     def begin(self) -> None:
         """Take the place now, and look for the page of faults, which is else done with the first command."""
-        with self._desk.lock:
-            self._desk.generation()
-            if not self._desk.has_place:
-                self._desk.take_place()
+        with self._place.lock:
+            self._place.generation()
+            if not self._place.has_place:
+                self._place.claim()
 
     def poll(self) -> list[Reply]:
         """Replies to our commands since the last call, in order."""
-        with self._desk.lock:
-            self._desk.hand_out()
+        with self._place.lock:
+            self._place.hand_out()
             found, self.inbox = self.inbox, []
+        return found
+
+    def replies_to(self, number: int) -> list[Reply]:
+        """Replies to one command that were not collected yet; those to others wait, the newest KEPT of them."""
+        with self._place.lock:
+            self._place.hand_out()
+            found = [reply for reply in self.inbox if reply.id == number]
+            if found or len(self.inbox) > KEPT:
+                self.inbox = [reply for reply in self.inbox if reply.id != number][-KEPT:]
         return found
 
     def forget(self) -> None:
         """Forget all sent commands: waiting replies and a stream under way are no longer ours."""
-        self.origin, self._whole, self._stream, self._streamed_ns = NOBODY, None, NOBODY, -STREAM_NS
+        self.origin, self._whole, self._stream, self._streamed_ns = NO_ORIGIN, None, NO_ORIGIN, -STREAM_NS
         self.inbox = []
 
     def close(self) -> None:
         """With the last handle the place is free."""
         if not self._closed:
             self._closed = True
-            DESKS.leave(self._desk)
+            PLACES.leave(self._place)
 
 
 class LoopClient(Client):
@@ -333,8 +333,8 @@ class LoopClient(Client):
         super().__init__(system, instance, called)
         self._is_over = is_over
         try:
-            if not self._desk.has_place:
-                self._desk.take_place()
+            if not self._place.has_place:
+                self._place.claim()
         except BaseException:
             self.close()
             raise
@@ -343,17 +343,20 @@ class LoopClient(Client):
         """Queue a command, returns its number; 0 without room, or after its time limit."""
         if self._is_over():
             return 0
-        desk = self._desk
+        place = self._place
         try:
-            return desk.send(self, name, values, text, self.origin)
+            return place.send_for(self, name, values, text, self.origin)
         except MailboxFull:
             try:
-                return desk.stop(self, name, values, text, 1)
+                return place.stop_for(self, name, values, text, 1)
             except (MailboxFull, SegmentError):
                 return 0
 
-    def poll(self) -> list[Reply]:
-        """Replies to our commands since the last call, in order."""
-        self._desk.hand_out()
-        found, self.inbox = self.inbox, []
-        return found
+    @property
+    def own_place(self) -> Place | None:
+        """The place, for code that sends in it; None: other handles may send there, too."""
+        return self._place if self._place.handles == 1 else None
+
+    def note(self, numbers: Iterable[int]) -> None:
+        """Receive the replies to commands that such code has sent."""
+        self._place.note(self, numbers)

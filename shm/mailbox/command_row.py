@@ -105,7 +105,8 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class Ros:
-    """ROS topics of a command, behind the instance's name, and their message contents (procs/ros_bridge/incoming.py).
+    """ROS topics of a command, behind the instance's name, and what their messages contain: see
+    procs/ros_messages/command_messages.py.
 
     `topics`, default the command's name: {part} is replaced by each setup arm or robot. `kind`: kind of the topics'
     owner if that is another process.
@@ -146,8 +147,8 @@ class CommandRow:
     types: tuple[str, ...] = ()
     latest: bool = False
     ros: Ros | None = None
-    _known: dict[int | None, tuple[frozenset[int] | range, bool]] = field(
-        default_factory=dict, init=False, repr=False, compare=False)
+    _known: dict[tuple[int | None, int], bool] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """For a number of joints and a valid number of values: whether every finite value is valid."""
 
     def is_stop(self, text: str, values: Numbers) -> bool:
         """Whether it stops something and starts nothing."""
@@ -185,23 +186,35 @@ class CommandRow:
 
     def objection(self, values: Numbers, joints: int | None = None) -> str:
         """Why these numbers are invalid, "": they are valid. `joints`: of the arm; None: unknown, any number fits."""
-        known = self._known.get(joints)
-        if known is None:
-            known = self._known[joints] = self._sizes(joints), not any(each.is_bounded for each in self.arguments)
-        sizes, is_free = known
-        if len(values) not in sizes:
-            given = "none was given" if not len(values) else f"{len(values)} given"
-            return f"takes {self._wanted(joints)}; {given}"
+        count = len(values)
+        is_free = self._known.get((joints, count))
+        if is_free is None:
+            if count not in self._sizes(joints):
+                return f"takes {self._wanted(joints)}; {f'{count} given' if count else 'none was given'}"
+            is_free = self._known[joints, count] = self._is_free(joints, count)
         if is_free and isinstance(values, np.ndarray) and values.dot(values) < SQUARED:
             return ""
         at = 0
         for argument in self.arguments:
-            size = {JOINTS: joints or len(values), SOME: len(values)}.get(argument.size, argument.size)
+            size = self._size(argument, joints, count)
             for value in values[at : at + size]:
                 if not argument.admits(float(value)):
                     return f"{argument.name} {float(value):.9g}; allowed:{argument.allowed or ' finite numbers'}"
             at += size
         return ""
+
+    @staticmethod
+    def _size(argument: Argument, joints: int | None, count: int) -> int:
+        """How many of `count` numbers an argument may have."""
+        return {JOINTS: joints or count, SOME: count}.get(argument.size, argument.size)
+
+    def _is_free(self, joints: int | None, count: int) -> bool:
+        at = 0
+        for argument in self.arguments:
+            if at < count and argument.is_bounded:
+                return False
+            at += self._size(argument, joints, count)
+        return True
 
     def _sizes(self, joints: int | None) -> frozenset[int] | range:
         """How many numbers it may have."""

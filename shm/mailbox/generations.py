@@ -19,6 +19,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeAlias
 
+from trocar.shm.mailbox.guard import authorizes
+from trocar.shm.mailbox.origins import Origin
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.memory.rows import Field, Topic
 from trocar.shm.memory.segment import Make, Segment, SegmentError, create, segment_name
@@ -26,18 +28,11 @@ from trocar.shm.ring.ring import attach
 
 WORD = (1 << 64) - 1
 
-PAGE = Topic(
-    "faults",
-    writer="supervisor",
-    rate_hz=0,
-    depth_s=0,
-    depth=1,
-    fields=(
-        Field("count", "(components,)<u8", "", "how often commands to this component became void; by its owner"),
-        Field("fault", "(components,)<u8", "", "generation of its last fault, 0: there was none; by its owner"),
-        Field("void", "(components,)<u8", "", "commands of an earlier generation are void; by its owner"),
-    ),
-)
+PAGE = Topic("faults", writer="supervisor", depth=1, fields=(
+    Field("count", "(components,)<u8", "", "how often commands to this component became void; by its owner"),
+    Field("fault", "(components,)<u8", "", "generation of its last fault, 0: there was none; by its owner"),
+    Field("void", "(components,)<u8", "", "commands of an earlier generation are void; by its owner"),
+))
 
 
 def robot_component(io: str, robot: str) -> str:
@@ -53,7 +48,7 @@ class NoFaults:
     def fault(self) -> None:
         """No effect."""
 
-    def switched_off(self, origin: int) -> None:
+    def switched_off(self, origin: Origin) -> None:
         """No command becomes void."""
 
 
@@ -100,6 +95,11 @@ class Faults:
         place = self.components.index(component)
         return self._counts[place], self._faults[place], self._voids[place]
 
+    @property
+    def address(self) -> int:
+        """Address of `words`."""
+        return self._segment.address
+
     def close(self) -> None:
         """Unmap."""
         self._segment.close()
@@ -115,16 +115,16 @@ class FaultCell:
         self.valid_from: int = faults.words[self._void]
         """Commands of an earlier generation are void."""
         self.exempt_origin = 0
-        """But those of this origin count: it has itself switched the component off."""
+        """But the command with this number stays valid: it has itself switched the component off."""
 
     def fault(self) -> None:
         """A fault has happened: earlier commands are void from now on."""
         self._next(0)
         self._page.words[self._fault] = self.valid_from
 
-    def switched_off(self, origin: int) -> None:
-        """A person's command `origin` removed power: that command stays valid, earlier ones are void."""
-        self._next(origin)
+    def switched_off(self, origin: Origin) -> None:
+        """The command `origin` removed power: it stays valid if it was; all earlier ones are void."""
+        self._next(origin.id if authorizes(origin, self) else 0)
 
     def _next(self, exempt_origin: int) -> None:
         words = self._page.words
@@ -140,8 +140,13 @@ class Watched:
 
     def __init__(self, faults: Faults, components: Sequence[str]) -> None:
         """Names that are not components, such as third-party programs, have no faults."""
-        self._words = faults.words
+        self._faults, self._words = faults, faults.words
         self._places = [faults.cell(name)[1] for name in components if name in faults.components]
+
+    @property
+    def addresses(self) -> list[int]:
+        """Addresses of the words that change with a fault; see Segment.address."""
+        return [self._faults.address + 8 * at for at in self._places]
 
     @property
     def valid_from(self) -> int:

@@ -5,11 +5,13 @@ One rule for all entries: mailboxes, requests from arms to io, test stand-ins.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from trocar.shm.mailbox.command_row import CommandRow, Numbers
-from trocar.shm.mailbox.generations import Cell
 from trocar.shm.mailbox.origins import Origin
+
+if TYPE_CHECKING:
+    from trocar.shm.mailbox.generations import Cell
 
 LATE_NS: Final = 1_000_000_000
 
@@ -33,4 +35,4 @@ def late(row: CommandRow, text: str, values: Numbers, waited_ns: int) -> str:
     """Why it is too late for execution, `waited_ns` after it was sent; "": it is in time."""
     if waited_ns <= LATE_NS or not row.expires(text, values):
         return ""
-    return f"it came {waited_ns * 1e-9:.1f} s late; allowed: {LATE_NS * 1e-9} s; send it again"
+    return f"it arrived {waited_ns * 1e-9:.1f} s late; allowed: {LATE_NS * 1e-9} s; send it again"

@@ -72,7 +72,6 @@ from trocar.shm.mailbox.generations import Cell
 from trocar.shm.mailbox.guard import LATE_NS, late, unauthorized
 from trocar.shm.mailbox.mailbox_map import (
     CLIENTS,
-    COMMAND_HEAD,
     COMMAND_START,
     COMMANDS_DEPTH,
     COMMANDS_OF,
@@ -84,10 +83,11 @@ from trocar.shm.mailbox.mailbox_map import (
     REPLY_START,
     REPLY_TEXT,
     RESERVED,
+    STAMP_AND_NUMBER,
     VALUES_IN_RAW,
     MailboxMap,
 )
-from trocar.shm.mailbox.received import ACCEPTED, FAILED, OUTCOMES, REFUSED, Received
+from trocar.shm.mailbox.received import ACCEPTED, FAILED, OUTCOMES, REFUSED, CommandHead, Received
 from trocar.shm.memory.holders import Holder
 from trocar.shm.memory.layout import shorten
 from trocar.shm.memory.locks import Places
@@ -96,19 +96,18 @@ from trocar.shm.time.clock import monotonic_ns
 
 PER_CYCLE = 8
 MAX_STOPS = 64  # about different things that are remembered apart
+MAX_HEADS = 64  # of streams that are remembered: all but the stamp, the number and the values of their commands
 DIED = "its process died meanwhile; it may have been carried out; it will not be repeated"
 
 SHORT = 8  # values that come with the first copy
 FLOAT, NDARRAY = np.dtype(np.float64), np.ndarray
 NO_VALUES = np.frombuffer(b"", np.float64)
-SHAPES = tuple((n,) for n in range(MAX_VALUES + 1))
 NEVER = -(1 << 63)
 LAST_NUMBER = 1 << 62  # no honest cursor gets there
 CURSOR_BITS = tuple((2**64 - 1) << 64 * place for place in range(PLACES))
-NOBODY = bytes(8 * PLACES)
+NO_COUNTS = bytes(8 * PLACES)
 NOTHING: Iterator[Received] = iter(())
-
-
+HEAD = slice(STAMP_AND_NUMBER.size, VALUES_IN_RAW)
 
 
 class Mailbox:
@@ -134,15 +133,13 @@ class Mailbox:
         self._locks = Places(segment, places.locks, CLIENTS)
         self._guard, self.audit = guard, audit
         self._map, self._table = places, (*rows, *places.own)
-        never_stops = tuple(not row.stops for row in self._table)
-        self._is_plain = tuple(never_stops if place != RESERVED else (False,) * len(self._table)
-                               for place in range(PLACES))
+        self._known: dict[bytes, CommandHead] = {}
         self._stops: dict[str, tuple[int, Holder, str, tuple[int, int]]] = {}
         """By subject: when, by whom and for whom the newest stop was sent, and its place and peer."""
         self._stopped_ns = NEVER  # the newest of them
-        self._stops_taken = NOBODY[-8:]  # of the place for stops
+        self._stops_taken = NO_COUNTS[-8:]  # of the place for stops
         self._view, self._words = places.view, places.words
-        self._sent_bytes = segment.keep(places.view[places.first : places.first + len(NOBODY)])
+        self._sent_bytes = segment.keep(places.view[places.first : places.first + len(NO_COUNTS)])
         self._sent, self._taken_at, self._answered_at = (places.cursors(c) for c in CURSORS[:3])
         self._taken = [self._words[i] for i in self._taken_at]
         self._answered = [self._words[i] for i in self._answered_at]
@@ -151,7 +148,7 @@ class Mailbox:
         self._heads = tuple(tuple(segment.keep(places.view[at + COMMAND_START : at + COMMAND_START + short])
                                   for at in slots) for slots in self._slots)
         self._replies = tuple(places.replies(p) for p in range(PLACES))
-        self._seen, self._seen_cursors, self._backlog = NOBODY, 0, sum(CURSOR_BITS)
+        self._seen, self._seen_cursors, self._backlog = NO_COUNTS, 0, sum(CURSOR_BITS)
         self._last = self.resets = self._now_ns = 0
         for place in range(PLACES):
             self._recover(place, died)
@@ -263,31 +260,38 @@ class Mailbox:
     def _take(self, place: int, n: int) -> Received | None:
         slot = n % COMMANDS_DEPTH
         raw = self._heads[place][slot].tobytes()  # N2
-        head = COMMAND_HEAD.unpack_from(raw)
-        sent_ns, number, origin, generation, code, count, _ = head
+        sent_ns, number = STAMP_AND_NUMBER.unpack_from(raw)
+        head = self._known.get(raw[HEAD]) or self._learn(raw)
+        count, command = head.count, head.command
         if SHORT < count <= MAX_VALUES:
             at = self._slots[place][slot] + COMMAND_START
             raw = raw[:VALUES_IN_RAW] + self._view[at + VALUES_IN_RAW : at + VALUES_IN_RAW + 8 * count].tobytes()
         self._taken[place] = self._words[self._taken_at[place]] = n  # N3
-        if number == n and code < len(self._table) and count <= MAX_VALUES:
-            values = NDARRAY(SHAPES[count], FLOAT, raw, VALUES_IN_RAW) if count else NO_VALUES
-            received = Received(self, place, self._table[code], head, raw, values)
-            guard = self._guard
-            if (self._is_plain[place][code] and sent_ns >= self._stopped_ns and self._now_ns - sent_ns <= LATE_NS
-                    and (guard is None or (origin and generation >= guard.valid_from))):
+        if number == n and command is not None and count <= MAX_VALUES:
+            values = NDARRAY(head.shape, FLOAT, raw, VALUES_IN_RAW) if count else NO_VALUES
+            received, guard = Received(self, place, command, head, number, sent_ns, values), self._guard
+            if (not command.stops and place != RESERVED
+                    and sent_ns >= self._stopped_ns and self._now_ns - sent_ns <= LATE_NS
+                    and (guard is None or (head.origin_id and head.generation >= guard.valid_from))):
                 return received
             objection = self._stopped(received) or self._guarded(received, self._now_ns - sent_ns)
             if not objection:
                 return received
             received.refuse(objection)
             return None
-        wrong = f"command {code} is not in the table"
+        wrong = f"command {head.code} is not in the table"
         if number != n:  # not written for this turn: never run an old command again
             wrong = f"the slot of command {n} holds command {number}"
         elif count > MAX_VALUES:
             wrong = f"{count} values; allowed are {MAX_VALUES}"
         self.answer(place, n, REFUSED, wrong)
         return None
+
+    def _learn(self, raw: bytes) -> CommandHead:
+        if len(self._known) >= MAX_HEADS:
+            self._known.clear()
+        head = self._known[raw[HEAD]] = CommandHead(raw, self._table)
+        return head
 
     def _guarded(self, received: Received, waited_ns: int) -> str:
         row, text, values = received.command, received.text, received.values
@@ -300,7 +304,7 @@ class Mailbox:
             self._note_stop(command.about(text), min(received.sent_ns, monotonic_ns()), received)
             return ""
         if received.place == RESERVED:
-            return f"{command.name}: this place is for commands that stop something"
+            return f"{command.name}: this mailbox slot accepts only stop commands"
         if not command.expires(text, values):
             return ""
         for about in ("", command.about(text)):

@@ -33,6 +33,7 @@ COMMAND_START = 8  # in the slot: stamp, id, origin, generation, code, count, pe
 COMMANDS_OF = tuple(struct.Struct(f"<qQQQHHI{PROGRAM_BYTES}s{MAX_TEXT}s{n}d")  # by number of values
                     for n in range(MAX_VALUES + 1))
 COMMAND_HEAD = struct.Struct("<qQQQHHI")
+STAMP_AND_NUMBER = struct.Struct("<qQ")
 PROGRAM_IN_RAW = COMMAND_HEAD.size
 TEXT_IN_RAW = PROGRAM_IN_RAW + PROGRAM_BYTES
 VALUES_IN_RAW = COMMANDS_OF[0].size

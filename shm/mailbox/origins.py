@@ -34,7 +34,7 @@ class Origin:
     program: str
 
 
-NOBODY: Final = Origin(0, 0, "")
+NO_ORIGIN: Final = Origin(0, 0, "")
 
 
 class SenderId(NamedTuple):
@@ -51,7 +51,7 @@ class Acting:
     """On whose behalf a process acts; None: it is a person's own program, and each of its commands is a person's.
 
     Processes that the supervisor starts act for no person, or for the person whose command they carry out; see
-    procs/user/loop.py.
+    procs/node/runtime.py and procs/user/process.py.
     """
 
     origin: Origin | None = None
@@ -63,7 +63,7 @@ class Acting:
     def __init__(self) -> None:
         """Programs that a process starts have no more authority than the process has by itself."""
         if CONFINED in os.environ:
-            self.origin, self.system = NOBODY, os.environ[CONFINED]
+            self.origin, self.system = NO_ORIGIN, os.environ[CONFINED]
 
     def begin(self, process: str) -> None:
         """A process of a system begins: it has this name, and it does not matter who has started the system."""
@@ -71,7 +71,7 @@ class Acting:
 
     def confine(self, system: str) -> None:
         """From now on act for no person until one asks, and only in this system; so do programs started from here."""
-        self.origin, self.system = NOBODY, system
+        self.origin, self.system = NO_ORIGIN, system
         os.environ[CONFINED] = system
 
     def in_system(self, system: str) -> Origin | None:
@@ -79,7 +79,7 @@ class Acting:
         """
         if self.origin is None or self.system in ("", system):
             return self.origin
-        return None if private.is_kept(system) else NOBODY
+        return None if private.is_kept(system) else NO_ORIGIN
 
 
 ACTING: Final = Acting()

@@ -16,6 +16,7 @@ from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.mailbox.mailbox import LAST_NUMBER
 from trocar.shm.mailbox.mailbox_map import (
     CLIENTS,
+    COMMAND_HEAD,
     COMMAND_START,
     COMMANDS_DEPTH,
     COMMANDS_OF,
@@ -28,7 +29,7 @@ from trocar.shm.mailbox.mailbox_map import (
     MailboxMap,
 )
 from trocar.shm.mailbox.messages import Reply
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, PROGRAM_BYTES, Origin
 from trocar.shm.mailbox.received import OUTCOMES
 from trocar.shm.memory.header import SegmentError
 from trocar.shm.memory.locks import AllTaken, Places
@@ -107,6 +108,35 @@ class Place:
         return False
 
     @property
+    def addresses(self) -> tuple[list[int], list[int], list[int]]:
+        """Addresses of our cursors sent, taken and answered, of the slots of our commands, and of those of our replies.
+
+        For code that sends in our place; see Segment.address.
+        """
+        begin = self._map.segment.address
+        return ([begin + 8 * at for at in (self._sent, self._taken, self._answered)],
+                [begin + at + COMMAND_START for at in self._queue], [begin + at for at in self._replies])
+
+    @property
+    def cursors(self) -> tuple[int, int, int]:
+        """Commands sent, known to be taken, and replies seen; to be set by code that sends in our place."""
+        return self._count, self._known, self._seen
+
+    @cursors.setter
+    def cursors(self, values: tuple[int, int, int]) -> None:
+        self._count, self._known, self._seen = values
+
+    def head(self, name: str, count: int, origin: Origin) -> bytes:
+        """The begin of a command with this many values, without stamp and number."""
+        return COMMAND_HEAD.pack(0, 0, origin.id, origin.generation, self._codes[name], count, 0) + struct.pack(
+            f"{PROGRAM_BYTES}s{MAX_TEXT}s", origin.program.encode(), b"")
+
+    def wake(self) -> None:
+        """Wake the owner, if it sleeps between its cycles."""
+        if self._wakeup is not None:
+            self._wakeup.wake()
+
+    @property
     def wakes(self) -> bool:
         """Whether the owner sleeps between its cycles, so that a command wakes it."""
         return self._wakeup is not None
@@ -122,7 +152,7 @@ class Place:
         listed = self._map.segment.header.info.get("commands")
         return [row for row in listed if isinstance(row, dict)] if isinstance(listed, list) else []
 
-    def send(self, name: str, values: Any = (), text: str = "", origin: Origin = NOBODY, peer: int = 0,
+    def send(self, name: str, values: Any = (), text: str = "", origin: Origin = NO_ORIGIN, peer: int = 0,
              wake: bool = True, sent_ns: int = 0) -> int:
         """Queue a command, returns its id; MailboxFull if the owner does not keep up, KeyError: no such command.
 
@@ -153,8 +183,8 @@ class Place:
         except struct.error:
             raise ValueError(f"{name}: {values!r} are not numbers") from None
         self._count = self._words[self._sent] = n  # M3
-        if self._wakeup is not None and wake:
-            self._wakeup.wake()
+        if wake:
+            self.wake()
         return n
 
     def poll(self) -> list[Reply]:
@@ -214,7 +244,7 @@ class StopPlace(Place):
         self._look_at(RESERVED)
         self._waiting: set[int] = set()
 
-    def stop(self, name: str, values: Any = (), text: str = "", tries: int = STOP_TRIES, origin: Origin = NOBODY,
+    def stop(self, name: str, values: Any = (), text: str = "", tries: int = STOP_TRIES, origin: Origin = NO_ORIGIN,
              peer: int = 0) -> int:
         """Queue a stop, returns its number; SegmentError names a process that occupies the place and does not leave it.
 

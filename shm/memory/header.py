@@ -21,6 +21,7 @@ Header, little-endian (W: written by the supervisor at creation, C: by the claim
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import struct
@@ -43,6 +44,12 @@ KINDS = ("ring", "mailbox", "control", "clock", "document", "faults")
 
 class SegmentError(Exception):
     """A segment that cannot be made, found, trusted or claimed; the message says which and how to fix it."""
+
+
+def reason(error: Exception) -> str:
+    """Why a file was not opened or made, and the remedy if there is one."""
+    more = " (ulimit -n $(ulimit -Hn) allows more at its start)" if getattr(error, "errno", 0) == errno.EMFILE else ""
+    return f"{getattr(error, 'strerror', None) or error}{more}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,12 @@ class Schema:
 
 def schema_of(topic: Topic, dims: Mapping[str, int] | None = None) -> Schema:
     """The schema of a topic with its named sizes filled in from `dims` (`axes=7`, …)."""
-    sizes = dict(dims or {})
+    return _schema_of(topic, tuple(sorted(dict(dims or {}).items())))
+
+
+@functools.lru_cache(KEPT_SCHEMAS)
+def _schema_of(topic: Topic, dims: tuple[tuple[str, int], ...]) -> Schema:
+    sizes = dict(dims)
     fields = [
         {"name": f.name, "dtype": _filled(f.dtype, sizes, topic.name, f.name), "unit": f.unit, "text": f.text,
          **({"group": f.group} if f.group else {})}
@@ -140,3 +145,8 @@ def _parse(dtype: str) -> tuple[str, tuple[int, ...]] | str:
 def _check_scalar(dtype: str) -> None:
     if not re.fullmatch(r"\?|u1|i1|<[iuf](2|4|8)|S[1-9][0-9]{0,3}", dtype):
         raise LayoutError(f"dtype {dtype[:64]!r} is not allowed in shared memory")
+
+
+def address_of(view: memoryview) -> int:
+    """Address of the memory that a view shows."""
+    return int(np.frombuffer(view, np.uint8).ctypes.data)

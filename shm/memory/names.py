@@ -22,5 +22,5 @@ def segment_name(system: str, instance: str, what: str) -> str:
 
 
 def path_of(name: str) -> Path:
-    """The file of a segment."""
+    """The file of a segment, in /dev/shm or private."""
     return private.path(name) or FOLDER / name.removeprefix("/")

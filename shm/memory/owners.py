@@ -9,11 +9,13 @@ from __future__ import annotations
 import os
 import pwd
 
+from trocar.shm.memory.header import SegmentError
+
 SERVICE_USER = "TROCAR_SERVICE_USER"
 
 
 def accepted() -> frozenset[int]:
-    """User ids whose segments may be attached; KeyError if this machine has no such service user."""
+    """User ids whose segments may be attached; SegmentError if this machine has no such service user."""
     name = os.environ.get(SERVICE_USER, "")
     return frozenset({os.getuid(), 0} | ({_uid(name)} if name else set()))
 
@@ -22,7 +24,7 @@ def _uid(name: str) -> int:
     try:
         return pwd.getpwnam(name).pw_uid
     except KeyError:
-        raise KeyError(f"{SERVICE_USER}={name!r}: this machine has no such user; correct or unset it") from None
+        raise SegmentError(f"{SERVICE_USER}={name!r}: this machine has no such user; correct or unset it") from None
 
 
 def user(uid: int) -> str:

@@ -41,15 +41,17 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One ring: its name (the segment's last word), the kind that writes it, rate, depth and fields."""
+    """One ring: its name (the segment's last word), the kind that writes it, rate, depth and fields.
+
+    `depth`: number of slots; 0: as many as its rate needs for the history of its system (shm/system/directory.py).
+    """
 
     name: str
     writer: str
-    rate_hz: float
-    depth_s: float
     fields: tuple[Field, ...]
     views: tuple[View, ...] = ()
-    depth: int = 0  # slots, if a depth in seconds makes no sense
+    rate_hz: float = 0
+    depth: int = 0
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -22,12 +22,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-import posix_ipc
-
-from trocar.shm.memory import owners, private
+from trocar.shm.memory import owners, private, removed, shm_files
+from trocar.shm.memory.closable import Closable
 from trocar.shm.memory.header import (
     FIXED,
     HEAD_AT,
@@ -41,19 +39,21 @@ from trocar.shm.memory.header import (
     checked,
     layout,
     readable,
+    reason,
     text_of,
 )
-from trocar.shm.memory.layout import Schema
+from trocar.shm.memory.layout import Schema, address_of
 from trocar.shm.memory.names import FOLDER, NAME, path_of, segment_name
 from trocar.shm.memory.order import Words, ordered
+from trocar.shm.memory.process_start import start_time
 
 ENDLESS = 1 << 62  # ordinary memory: the kernel reports when there is no more
 CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 100, 0.002
 Make = Callable[[str, str, Schema, int, dict[str, Any]], int]  # create, with a mode or group bound, or size_of
 __all__ = [
     "FIXED", "FOLDER", "HEAD_AT", "IDENTITY_AT", "MAGIC", "NAME", "TEXT_AT", "VERSION", "Header", "Identity", "Make",
-    "Segment", "SegmentError", "SegmentFull", "create", "foreign_owner", "free_bytes", "names_of", "owner_of",
-    "path_of", "segment_name", "size_of", "start_time", "unlink",
+    "Segment", "SegmentError", "SegmentFull", "create", "foreign_owner", "free_bytes", "names_of", "open_file",
+    "owner_of", "path_of", "segment_name", "size_of", "start_time", "status_of", "unlink",
 ]
 
 
@@ -79,13 +79,13 @@ def names_of(system: str | None = None, *, foreign: bool = False) -> list[tuple[
     ours = [] if foreign else [name[1:].split("~") for name in private.segments(system)]
     if system is not None and private.is_kept(system):
         return sorted((parts[1], parts[2], parts[3]) for parts in ours)
-    accepted = _accepted()
+    accepted = owners.accepted()
     begin = "trocar~" if system is None else f"trocar~{system}~"
     found = [(parts[1], parts[2], parts[3]) for parts in ours]
     for path in FOLDER.iterdir() if FOLDER.is_dir() else ():
         parts = path.name.split("~") if path.name.startswith(begin) else []
         if len(parts) == 4 and all(NAME.fullmatch(part) for part in parts[1:]):
-            owner = _owner(path)
+            owner = _owner(path.lstat)
             if owner >= 0 and (owner not in accepted) == foreign:
                 found.append((parts[1], parts[2], parts[3]))
     return sorted(found)
@@ -99,20 +99,22 @@ def free_bytes(system: str = "") -> int:
     return status.f_bavail * status.f_frsize
 
 
-def _owner(path: Path) -> int:
+def status_of(name: str) -> os.stat_result:
+    """Status of the file of a segment, also if another program has removed its name; OSError: there is none."""
+    fd = open_file(name, os.O_PATH)
+    try:
+        return os.fstat(fd)
+    finally:
+        os.close(fd)
+
+
+def _owner(status_of_file: Callable[[], os.stat_result]) -> int:
     """User id of an ordinary file, -1: there is none (a link is none)."""
     try:
-        status = path.lstat()
+        status = status_of_file()
     except OSError:
         return -1
     return status.st_uid if stat.S_ISREG(status.st_mode) else -1
-
-
-def _accepted() -> frozenset[int]:
-    try:
-        return owners.accepted()
-    except KeyError as error:
-        raise SegmentError(str(error.args[0])) from None
 
 
 def size_of(name: str, kind: str, schema: Schema, depth: int, info: dict[str, Any] | None = None) -> int:
@@ -153,14 +155,11 @@ def create(
 def _new(name: str) -> int:
     """The file of a new segment, empty."""
     try:
-        if private.belongs(name):
-            return private.create(name)
-        made: int = posix_ipc.SharedMemory(name, flags=posix_ipc.O_CREX, mode=0o600).fd
-    except (posix_ipc.ExistentialError, FileExistsError):
+        return private.create(name) if private.belongs(name) else shm_files.create(name)
+    except FileExistsError:
         raise SegmentError(f"{name}: exists already{_in_the_way(name)}") from None
-    except (OSError, posix_ipc.Error) as error:
-        raise SegmentError(f"{name}: cannot be made in {FOLDER}: {_reason(error)}") from None
-    return made
+    except OSError as error:
+        raise SegmentError(f"{name}: cannot be made in {FOLDER}: {reason(error)}") from None
 
 
 def _fill(fd: int, name: str, size: int) -> None:
@@ -184,14 +183,14 @@ def _give(fd: int, name: str, group: int) -> None:
 
 def foreign_owner(name: str) -> str:
     """The owner of a segment in words ("user bob") if it is not accepted; empty if it is, or if there is no segment."""
-    uid = _owner(path_of(name))
-    return "" if uid == -1 or uid in _accepted() else owners.user(uid)
+    uid = _owner(partial(status_of, name))
+    return "" if uid == -1 or uid in owners.accepted() else owners.user(uid)
 
 
 def owner_of(name: str) -> str:
     """The owner of the file under a name, in words ("user bob"); empty if that is us, or if there is no file."""
     try:
-        uid = path_of(name).lstat().st_uid
+        uid = status_of(name).st_uid
     except OSError:
         return ""
     return "" if uid == os.getuid() else owners.user(uid)
@@ -208,28 +207,23 @@ def _in_the_way(name: str) -> str:
     return f" and is no segment: remove it (rm -r {path})"
 
 
-def _reason(error: Exception) -> str:
-    more = " (ulimit -n $(ulimit -Hn) allows more at its start)" if getattr(error, "errno", 0) == errno.EMFILE else ""
-    return f"{getattr(error, 'strerror', None) or error}{more}"
-
-
 def unlink(name: str) -> None:
     """Remove a segment's name; no effect if it is already gone, SegmentError if it may not be removed."""
     if private.belongs(name):
         private.unlink(name)
         return
     try:
-        posix_ipc.unlink_shared_memory(name)
-    except posix_ipc.ExistentialError:
+        shm_files.unlink(name)
+    except FileNotFoundError:
         return
-    except (OSError, posix_ipc.Error) as error:
-        raise SegmentError(f"{name}: cannot be removed ({_reason(error)}){_in_the_way(name)}") from None
+    except OSError as error:
+        raise SegmentError(f"{name}: cannot be removed ({reason(error)}){_in_the_way(name)}") from None
 
 
 def held(name: str) -> bool:
     """Whether any process holds the claim on the file under this name, of this version or another."""
     try:
-        fd = os.open(path_of(name), os.O_RDONLY | _flags(name))
+        fd = open_file(name, os.O_RDONLY)
     except OSError:
         return False
     try:
@@ -241,7 +235,7 @@ def held(name: str) -> bool:
     return False
 
 
-class Segment:
+class Segment(Closable):
     """An attached segment; a context manager. `view` is its memory, read-only unless attached with `write`."""
 
     def __init__(self, name: str, *, write: bool = False) -> None:
@@ -269,6 +263,11 @@ class Segment:
         self.at_close(part.release)
         return part
 
+    @property
+    def address(self) -> int:
+        """Address of the map, for code that is not Python; valid until `close`, which such code does not check."""
+        return address_of(self.view)
+
     def words(self, copied: int = 0) -> Words:
         """The whole segment as unsigned 64-bit words, loaded and stored in program order (shm/memory/order.py).
 
@@ -290,9 +289,9 @@ class Segment:
         else:
             first = self.identity()
             raise SegmentError(f"{self.name}: {first.name} (pid {first.pid}) writes it already; a ring has one writer")
+        if not self._claimed:  # a map still in use holds a copy of our descriptor
+            self.at_close(lambda: fcntl.flock(self.fd, fcntl.LOCK_UN), unlocks=True)
         self._claimed = True
-        # a map still in use holds a copy of our descriptor
-        self.at_close(lambda: fcntl.flock(self.fd, fcntl.LOCK_UN), unlocks=True)
         epoch = self.identity().epoch + 1 & 0xFFFFFFFF  # whatever was written there before
         identity = Identity(os.getpid(), epoch, start_time(os.getpid()), name)
         packed = IDENTITY.pack(identity.pid, identity.epoch, identity.start, name.encode()[:64])
@@ -337,12 +336,6 @@ class Segment:
             self._map.close()
         os.close(self.fd)
 
-    def __enter__(self) -> Segment:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
 
 def _if_in(pid: int, callback: Callable[[], object]) -> None:
     """Locks belong to the open file, which a forked child has as well."""
@@ -350,24 +343,24 @@ def _if_in(pid: int, callback: Callable[[], object]) -> None:
         callback()
 
 
-def start_time(pid: int) -> int:
-    """Start time of a process in clock ticks since boot, 0 if gone; with the pid a unique identifier of the process."""
+def open_file(name: str, access: int) -> int:
+    """The file of a segment, open, also if another program has removed its name; OSError.
+
+    Never waits, and follows no link but that of the kernel to a file that we have open.
+    """
+    path, flags = path_of(name), access | os.O_NONBLOCK | os.O_CLOEXEC
     try:
-        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return 0
-    return int(text.rsplit(")", 1)[1].split()[19])
-
-
-def _flags(name: str) -> int:
-    """Never wait, and follow no link but that of the kernel to memory of ours."""
-    return os.O_NONBLOCK | os.O_CLOEXEC | (0 if private.belongs(name) else os.O_NOFOLLOW)
+        return os.open(path, flags | (0 if path.parent == private.OURS else os.O_NOFOLLOW))
+    except FileNotFoundError:
+        if private.belongs(name):
+            raise
+        return removed.opened(name, flags)
 
 
 def _opened(name: str, write: bool) -> int:
     """The file, open. Not by shm_open: that one blocks indefinitely on a named pipe, and accepts directories."""
     try:
-        return os.open(path_of(name), _flags(name) | (os.O_RDWR if write else os.O_RDONLY))
+        return open_file(name, os.O_RDWR if write else os.O_RDONLY)
     except FileNotFoundError:
         raise SegmentError(f"{name}: there is no such segment; is the system up? (trocar status)") from None
     except PermissionError:
@@ -376,14 +369,14 @@ def _opened(name: str, write: bool) -> int:
                            "decides who else may attach") from None
     except OSError as error:
         what = "cannot be opened" if error.errno == errno.EMFILE else "is no segment but something else of that name"
-        raise SegmentError(f"{name}: {what} ({_reason(error)})") from None
+        raise SegmentError(f"{name}: {what} ({reason(error)})") from None
 
 
 def _mapped(fd: int, name: str, size: int, access: int) -> mmap.mmap:
     try:
         return mmap.mmap(fd, size, access=access)
     except (OSError, ValueError) as error:  # ValueError: it was cut short since we looked
-        raise SegmentError(f"{name}: {size} bytes cannot be mapped: {_reason(error)}") from None
+        raise SegmentError(f"{name}: {size} bytes cannot be mapped: {reason(error)}") from None
 
 
 def _trusted(fd: int, name: str) -> None:
@@ -391,7 +384,7 @@ def _trusted(fd: int, name: str) -> None:
     status = os.fstat(fd)
     if not stat.S_ISREG(status.st_mode):
         raise SegmentError(f"{name}: is no segment but another kind of file (mode {status.st_mode:o})")
-    accepted = _accepted()
+    accepted = owners.accepted()
     if status.st_uid not in accepted:
         raise SegmentError(f"{name}: belongs to {owners.user(status.st_uid)}; accepted are {owners.users(accepted)} "
                            f"and the user in {owners.SERVICE_USER}")

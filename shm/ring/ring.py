@@ -15,6 +15,9 @@ Read the next, n being one more than the last:
   S1  slot.sequence = n?            it is out; BUSY + n: not yet. Anything else: head tells what was overwritten
   R2, R3 as above
 
+Read many, oldest first: R1, then block by block R2 for all its slots, and R3 for each. Behind a record that the writer
+has overwritten are only newer ones; it and all older ones are left out.
+
 Recovery. Wherever a writer dies, head names a whole record and one slot, that of head + 1, may be torn. A successor
 claims the segment (epoch + 1):
   V0  slot of head says head?           else somebody else wrote into one of them: the slots tell the newest record
@@ -39,8 +42,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.shm.memory.layout import MAX_DEPTH, Schema
+from trocar.shm.memory.layout import MAX_DEPTH, Schema, address_of
 from trocar.shm.memory.segment import HEAD_AT, Segment, SegmentError
+from trocar.shm.ring.slots import PlacesOnDemand, places, slots
 
 RETRIES = 16
 BUSY = 1 << 59  # no sequence gets there; and CPython is quicker with integers below 2**60
@@ -49,6 +53,7 @@ LAST_STAMP = 1 << 62  # ns; 146 years after boot
 HEAD = HEAD_AT // 8
 EPOCH_WORD = 8  # pid below, epoch above
 ALL = slice(None)
+BLOCK = 256  # slots copied at once; for up to 500, numpy does not let other threads run between R2 and R3
 LAST_SEQUENCE = BUSY - 2  # ten thousand years at a million records a second
 
 
@@ -84,42 +89,20 @@ class _Record:
         return view.reshape(view.shape[1:])
 
 
-def _places(segment: Segment, skip: int) -> list[tuple[int, memoryview]]:
-    """For each slot the index of its sequence word, and its bytes without the first `skip`; made once."""
-    header, size = segment.header, segment.header.schema.dtype.itemsize
-    starts = range(header.first, header.first + header.depth * header.stride, header.stride)
-    places = [(s // 8, segment.view[s + skip : s + size]) for s in starts]
-
-    def release() -> None:
-        for _, part in places:
-            part.release()
-
-    segment.at_close(release)
-    return places
-
-
-class _Slots:
-    """Slots created on demand: for a single read, which would otherwise create thousands for one."""
-
-    def __init__(self, segment: Segment) -> None:
-        self._view, self._header = segment.view, segment.header
-
-    def __getitem__(self, k: int) -> tuple[int, memoryview]:
-        start = self._header.first + k * self._header.stride
-        return start // 8, self._view[start : start + self._header.schema.dtype.itemsize]
-
-
 class RingWriter:
     """The writing end. Fill the fields, then `publish`."""
 
-    def __init__(self, segment: Segment, name: str, expected: Schema | None = None) -> None:
-        """Claim `segment` (attached with write=True) as instance `name`, and resume at the last head."""
+    def __init__(self, segment: Segment, name: str, expected: Schema | None = None, *, often: bool = True) -> None:
+        """Claim `segment` (attached with write=True) as instance `name`, and resume at the last head.
+
+        `often` prepares for fast writes.
+        """
         attach(segment, "ring", expected)
         self._words = segment.words(segment.header.schema.dtype.itemsize)
         self.identity = segment.claim(name)
         self._segment = segment
         self._record = _Record(segment.header.schema)
-        self._places = _places(segment, 8)
+        self._places = places(segment, 8) if often else PlacesOnDemand(segment, 8)
         self._source = self._record.bytes[8 : segment.header.schema.dtype.itemsize]
         self._stamp = self._record.words
         self._depth = segment.header.depth
@@ -149,8 +132,8 @@ class RingWriter:
 
         A number used twice would be overlooked by readers that wait for the next one.
         """
-        kept = max((n for k, (at, _) in enumerate(self._places)
-                    if (n := self._words[at]) < LAST_SEQUENCE and n % self._depth == k), default=head)
+        kept = max((n for k in range(self._depth)
+                    if (n := self._words[self._places[k][0]]) < LAST_SEQUENCE and n % self._depth == k), default=head)
         return head if kept <= head < kept + self._depth else kept
 
     def field(self, name: str) -> NDArray[Any]:
@@ -175,12 +158,17 @@ class RingWriter:
         words[self._at] = n + NEXT_BUSY  # W1 of the next record, after ours is out: delays no reader
         return n
 
+    def claim_again(self) -> None:
+        """Let readers see a new epoch, as after a restart of our process; our private record keeps its values."""
+        self.identity = self._segment.claim(self.identity.name)
+
     def copy(self, record: memoryview) -> None:
         """Copy the content of a record from another ring of this layout; `publish` adds our number and stamp."""
         self._source[ALL] = record[8:]
 
     def close(self) -> None:
         """Release the claim."""
+        self._slot.release()
         self._segment.close()
 
 
@@ -202,7 +190,7 @@ class RingReader:
         self._segment = segment
         self._dtype = segment.header.schema.dtype
         self._record = _Record(segment.header.schema)
-        self._places = _places(segment, 0) if often else _Slots(segment)
+        self._places = places(segment, 0) if often else PlacesOnDemand(segment, 0)
         self._target = self._record.bytes[: self._dtype.itemsize]
         self._stamp = self._record.words
         self._depth = segment.header.depth
@@ -246,12 +234,9 @@ class RingReader:
 
     @property
     def addresses(self) -> tuple[int, int, int]:
-        """Addresses in memory of our map, our private copy and the first slot: for code that is not Python.
-
-        Valid until `close`, which such code does not check.
-        """
-        maps = np.frombuffer(self._segment.view, np.uint8).ctypes.data
-        return maps, np.frombuffer(self._target, np.uint8).ctypes.data, maps + self._segment.header.first
+        """Addresses of our map, our private copy and the first slot, see Segment.address."""
+        maps = self._segment.address
+        return maps, address_of(self._target), maps + self._segment.header.first
 
     @property
     def depth(self) -> int:
@@ -267,6 +252,11 @@ class RingReader:
     def head(self) -> int:
         """Sequence of the newest record, 0: none; one load, for polling."""
         return int(self._words[HEAD])
+
+    @property
+    def following(self) -> int:
+        """Sequence of the record that `next` takes."""
+        return self._next
 
     @property
     def epoch(self) -> int:
@@ -381,15 +371,19 @@ class RingReader:
         return records[records["stamp_ns"] >= stamp_ns]
 
     def _collect(self, begin: int, end: int) -> NDArray[Any]:
-        numbers = range(begin, end + 1)
-        rows: NDArray[Any] = np.zeros(len(numbers), dtype=self._dtype)
-        size, first = self._dtype.itemsize, 0
-        target = rows.view(np.uint8).reshape(-1).data
-        for i, n in enumerate(numbers):
-            at, slot = self._places[n % self._depth]
-            target[i * size : (i + 1) * size] = slot  # R2
-            if self._words[at] != n:  # R3
-                first = i + 1
+        words, header, first, n = self._words, self._segment.header, 0, begin
+        rows: NDArray[Any] = np.empty(max(0, end - begin + 1), self._dtype)
+        source = slots(self._segment)
+        target = rows.view(source.dtype)
+        while n <= end:
+            k, i = n % self._depth, n - begin
+            count = min(BLOCK, end - n + 1, self._depth - k)
+            target[i : i + count] = source[k : k + count]  # R2
+            start = header.first + k * header.stride
+            for at in range(start // 8, (start + count * header.stride) // 8, header.stride // 8):
+                if words[at] != n:  # R3
+                    first = n - begin + 1
+                n += 1
         return rows[first:]
 
     def close(self) -> None:

@@ -4,15 +4,25 @@ system is in a segment of its own, written once by the supervisor before anythin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
 
 from trocar.shm.memory.layout import LayoutError, Schema, schema_from_json, schema_of
+from trocar.shm.memory.parts import LIST, parts_of
 from trocar.shm.memory.segment import Make, Segment, SegmentError, create, names_of, segment_name
 from trocar.shm.ring.ring import HEAD, RingReader, RingWriter, attach
 from trocar.shm.topics import TOPICS, Topic
 
 RING = "ring"
+HISTORY_S: Final = 1.87
+"""Time that rings of periodic records keep: 1.5 s before a fault, the 0.3 s after which its recording begins, and
+0.07 s for two periods of the recorder and the copies (of the 21 rings of a full robot in 0.02 s of CPU time)."""
+KINEMATIC_HISTORY_S: Final = 0.7
+"""The same in a system without boards, where a robot cannot be damaged and a container is the usual place."""
+MIN_HISTORY_S: Final = 0.2
+"""Below it a system does not start: readers of all records, which look every 20 to 100 ms, would lose some."""
+MIN_SLOTS: Final = 256
+"""For rings that commands make their instances write more often than at their rate."""
 
 
 def topic_of(kind: str, name: str) -> Topic:
@@ -30,31 +40,35 @@ def systems() -> list[str]:
 
 def instances(system: str) -> list[str]:
     """Instances with a control page, the supervisor first."""
-    names = [i for _, i, what in names_of(system) if what == "control"]
+    names = [i for _, i, what in parts_of(system) if what == "control"]
     return sorted(names, key=lambda n: (n != "supervisor", n))
 
 
 def rings(system: str) -> list[tuple[str, str]]:
     """All rings of a system as (instance, topic)."""
     plain = {"control", "mailbox", "clock", "document", "faults"}
-    return [(i, what) for _, i, what in names_of(system) if what not in plain]
+    return [(i, what) for _, i, what in parts_of(system) if what not in plain]
 
 
 def create_ring(
-    system: str, instance: str, topic: Topic, dims: Mapping[str, int], info: Mapping[str, Any], make: Make = create
+    system: str, instance: str, topic: Topic, dims: Mapping[str, int], info: Mapping[str, Any], make: Make = create,
+    history_s: float = HISTORY_S,
 ) -> int:
     """Make the ring of an instance's topic; returns its size. `dims` fill the named sizes of the row."""
     schema = schema_of(topic, dims)
-    depth = topic.depth or max(2, round(topic.depth_s * topic.rate_hz))
     meta = {"dims": dict(dims), "rate_hz": topic.rate_hz, **info}
+    depth = topic.depth or max(MIN_SLOTS, round(history_s * meta["rate_hz"]))
     return make(segment_name(system, instance, topic.name), RING, schema, depth, meta)
 
 
 def reader(system: str, instance: str, topic: str, kind: str | None = None, *, often: bool = True) -> RingReader:
-    """Attach to a ring; with `kind`, refuse a schema that differs from our table's. `often`: see RingReader."""
+    """Attach to a ring; with `kind`, refuse a schema that differs from our table's. `often`: see RingReader.
+
+    Rings of events are not prepared for fast reads: those have something to read only now and then.
+    """
     segment = Segment(segment_name(system, instance, topic))
     try:
-        return RingReader(segment, _expected(segment, kind, topic), often=often)
+        return RingReader(segment, _expected(segment, kind, topic), often=often and _is_periodic(segment))
     except BaseException:
         segment.close()
         raise
@@ -64,10 +78,14 @@ def writer(system: str, instance: str, topic: str, kind: str | None) -> RingWrit
     """Claim a ring; SegmentError names its holder. Without `kind` its layout is read from its header."""
     segment = Segment(segment_name(system, instance, topic), write=True)
     try:
-        return RingWriter(segment, instance, _expected(segment, kind, topic))
+        return RingWriter(segment, instance, _expected(segment, kind, topic), often=_is_periodic(segment))
     except BaseException:
         segment.close()
         raise
+
+
+def _is_periodic(segment: Segment) -> bool:
+    return bool(segment.header.info.get("rate_hz"))
 
 
 def _expected(segment: Segment, kind: str | None, topic: str) -> Schema | None:
@@ -80,19 +98,19 @@ def _expected(segment: Segment, kind: str | None, topic: str) -> Schema | None:
         raise SegmentError(f"{segment.name}: its sizes {str(dims)[:64]!r} are not readable: {error}") from None
 
 
-def create_document(system: str, length: int, make: Make = create) -> int:
-    """Make the segment for a document of `length` bytes, empty as yet; returns its size."""
+def create_document(system: str, length: int, make: Make = create, segments: Iterable[str] = ()) -> int:
+    """Make the segment for a document of `length` bytes, empty as yet; returns its size. `segments`: all others."""
     name = segment_name(system, "supervisor", "document")
     try:
         schema = _document_schema(length)
     except LayoutError as error:
         raise SegmentError(f"{name}: {error}") from None
-    return make(name, "document", schema, 1, {})
+    return make(name, "document", schema, 1, {LIST: [each.split("~", 2)[2] for each in segments]})
 
 
-def publish_document(system: str, text: bytes, make: Make = create) -> int:
+def publish_document(system: str, text: bytes, make: Make = create, segments: Iterable[str] = ()) -> int:
     """Make the document segment and fill it; returns its size."""
-    size = create_document(system, len(text), make)
+    size = create_document(system, len(text), make, segments)
     with Segment(segment_name(system, "supervisor", "document"), write=True) as segment:
         start = segment.header.first + 16
         segment.view[start : start + len(text)] = text

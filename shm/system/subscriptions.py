@@ -1,7 +1,8 @@
 """Subscriptions: the data that clients request from an instance. Data without a subscriber need not be computed.
 
 Items: each topic of the instance, and each group of fields of a topic (shm/memory/rows.py), in the order in which the
-info of its control page lists them; item n is bit n of a cell. A subscription to a group includes its topic.
+info of its control page lists them; item n is bit n of a cell. A subscription to a group includes its topic. The last
+bit, EVERY: the subscriber reads every record, so an instance at rest must not write fewer of them.
 
 The control page has 64 places: a cell, a lock byte, and the holder's name. A client locks a place with a lock that the
 kernel frees when the client ends (shm/memory/locks.py), and alone writes its cell; the instance reads all cells, and
@@ -37,10 +38,11 @@ from trocar.shm.memory.layout import cut_text
 from trocar.shm.memory.locks import AllTaken, Places
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import pause
-from trocar.shm.time.control_page import SCHEMA, SUBSCRIBERS, ControlPage, wanted_name
+from trocar.shm.time.control_page import CELL_BITS, SCHEMA, SUBSCRIBERS, ControlPage, wanted_name
 
 CELLS = struct.Struct(f"<{SUBSCRIBERS}Q")
-NOBODY = bytes(CELLS.size)
+NO_CELLS = bytes(CELLS.size)
+EVERY = 1 << CELL_BITS
 TRIES, PAUSE_S = 5, 0.002
 """Of coming where all places are taken: one may be being cleared."""
 
@@ -52,7 +54,7 @@ class Cells:
         self.page, segment = page, page.segment
         first = segment.header.first
         listed: Any = segment.header.info.get("wanted", ())
-        self.names = tuple(str(name) for name in listed)[:64] if isinstance(listed, list) else ()
+        self.names = tuple(str(name) for name in listed)[:CELL_BITS] if isinstance(listed, list) else ()
         self.at = (first + SCHEMA.offset("wanted")) // 8  # as words
         self.bytes = segment.keep(segment.view[8 * self.at : 8 * self.at + CELLS.size])
         self.places = Places(segment, first + SCHEMA.offset("place"), SUBSCRIBERS)
@@ -79,7 +81,7 @@ class Subscriptions:
     def __init__(self, page: ControlPage) -> None:
         """On the instance's own page, which closes it."""
         self._cells = Cells(page)
-        self._bytes, self._seen = self._cells.bytes, NOBODY
+        self._bytes, self._seen = self._cells.bytes, NO_CELLS
         self.wanted = 0
 
     def bits(self, topic: str, group: str = "") -> int:
@@ -102,12 +104,13 @@ class Subscriptions:
 class Subscriber:
     """A client's end, for one thread: it has a place until it is closed or its process ends."""
 
-    def __init__(self, system: str, instance: str, program: str = "") -> None:
+    def __init__(self, system: str, instance: str, program: str = "", *, every: bool = False) -> None:
         """Take a place; SegmentError when there is no such instance, or names the holders of all places.
 
-        `program`: shown to others as the place's holder.
+        `program`: shown to others as the place's holder. `every`: its topics are wanted at full rate.
         """
         self._page, self._pid, self._wanted = ControlPage(system, instance, write=True), os.getpid(), 0
+        self._every = EVERY if every else 0
         try:
             self._cells = Cells(self._page)
             self._words = self._page.segment.words()
@@ -133,7 +136,7 @@ class Subscriber:
     def want(self, topic: str, *groups: str) -> None:
         """Subscribe to a topic and groups of its fields; SegmentError if there is no such item."""
         for group in groups or ("",):
-            self._set(self._wanted | self._cells.bits(topic, group))
+            self._set(self._wanted | self._cells.bits(topic, group) | self._every)
 
     def drop(self, topic: str, *groups: str) -> None:
         """Unsubscribe from groups; without groups from the whole topic."""
@@ -143,7 +146,8 @@ class Subscriber:
             gone |= cells.bits(topic, group) & ~whole
         if not groups:
             gone = sum(1 << bit for bit, name in enumerate(cells.names) if name.split("/")[0] == topic)
-        self._set(self._wanted & ~gone)
+        left = self._wanted & ~gone
+        self._set(left if left & ~EVERY else 0)
 
     def _set(self, wanted: int) -> None:
         if wanted != self._wanted:
@@ -167,7 +171,7 @@ class Clearing:
         """Clear the cells of crashed clients; returns how many. No system call without subscriptions."""
         cells, cleared = self._cells, 0
         now = cells.bytes.tobytes()
-        if now == NOBODY:
+        if now == NO_CELLS:
             return 0
         for place, cell in enumerate(CELLS.unpack(now)):
             if cell and cells.places.take(place):  # F1, F2

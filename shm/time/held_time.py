@@ -6,19 +6,20 @@ hold time; the kernel releases its place when it ends, and the supervisor then l
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
+from trocar.shm.memory.closable import Closable
 from trocar.shm.memory.locks import Places
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.lockstep import NEVER, SCHEMA, Steps, Table, clock_page, waker_of, wakeups_of
 
 LOOK_S: Final = 1e-4
+LATER_S: Final = 1e-3  # the longest interval between two looks
 PAUSE_NS: Final = 100_000_000  # a longer interval between two looks is a stall of ours: only this much counts
 
 
-class HeldTime(Steps):
+class HeldTime(Steps, Closable):
     """Time is stopped from the start; a context manager, at whose end time runs freely again."""
 
     def __init__(self, system: str) -> None:
@@ -36,27 +37,22 @@ class HeldTime(Steps):
             page.close()
             raise
 
-    def run_until(self, time_ns: int, wait_s: float, look: Callable[[], None] = lambda: None) -> bool:
+    def run_until(self, time_ns: int, wait_s: float) -> bool:
         """Let time go to `time_ns`, and wait until all due work is done and all members sleep.
 
         False if that takes longer than `wait_s` in real time, without our own stalls: then a member is awake, or no
-        member takes part. `look` is called repeatedly in the meantime; it may raise.
+        member takes part.
         """
         self.words[self._limit] = time_ns
-        left_ns, before_ns = round(wait_s * 1e9), monotonic_ns()
+        left_ns, before_ns, look_s = round(wait_s * 1e9), monotonic_ns(), LOOK_S
         while self.advance() != NEVER:
             now_ns = monotonic_ns()
             left_ns, before_ns = left_ns - min(now_ns - before_ns, PAUSE_NS), now_ns
             if left_ns <= 0:
                 return False
-            look()
-            pause(LOOK_S)
+            pause(look_s)
+            look_s = min(2.0 * look_s, LATER_S)
         return True
-
-    def wake(self, member: str) -> None:
-        """A sleeping member with news resumes at the instant at which time is stopped."""
-        self._fence()
-        self._wake(self.table.members.index(member))
 
     def wake_ns(self, member: str) -> int:
         """The time at which a member wants to resume."""
@@ -71,9 +67,3 @@ class HeldTime(Steps):
             self._wake_due()
             self._held.give_back(0)
             super().close()
-
-    def __enter__(self) -> HeldTime:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

@@ -52,7 +52,7 @@ BEHIND_NS: Final = 5_000_000  # a larger delay behind real time is not made up f
 NEVER: Final = 1 << 62
 WORDS: Final = 1 << 64  # their number
 
-PAGE = Topic("clock", writer="supervisor", rate_hz=0, depth_s=0, depth=1, fields=(
+PAGE = Topic("clock", writer="supervisor", depth=1, fields=(
     Field("now_ns", "<u8", "ns", "simulated time (W: who has the lock)"),
     Field("monotonic_ns", "<u8", "ns", "CLOCK_MONOTONIC when it was last advanced (W: who has the lock)"),
     Field("local_ns", "<u8", "ns", "CLOCK_REALTIME at that moment (W: who has the lock)"),

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+import socket
+from collections.abc import Callable
 from typing import Final
 
-from trocar.shm.memory.segment import names_of
+from trocar.shm.memory.closable import Closable
+from trocar.shm.memory.parts import parts_of
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.lockstep import NEVER, SCHEMA, Table, clock_page
 
 WALL, PACED, LOCKSTEP = "wall", "paced", "lockstep"
 MIN_S: Final = 2e-4  # between two looks at simulated time
 MAX_S: Final = 0.02
+HELD_S: Final = 0.002  # the same while a program holds time
 
 
-class SystemTime:
+class SystemTime(Closable):
     """Real on the wall clock, else the system's own. Close it."""
+
+    spin_ns = 0
+    wakeup: socket.socket | None = None
 
     def __init__(self, system: str) -> None:
         """Attach; a system that has no clock page, or is not there, has the wall clock."""
         self.clock = WALL
         """WALL, PACED or LOCKSTEP."""
-        self._page = clock_page(system) if (system, "supervisor", "clock") in names_of(system) else None
+        self._page = clock_page(system) if (system, "supervisor", "clock") in parts_of(system) else None
         if self._page is not None:
             self.clock = PACED if Table.of_info(self._page.header.info).paced else LOCKSTEP
             first = self._page.header.first
@@ -52,6 +59,10 @@ class SystemTime:
         members = Table.of_info(self._page.header.info).members
         return tuple(name for place, name in enumerate(members) if self._words[self._active + place] == 1)
 
+    def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> None:
+        """Sleep until this time of the system."""
+        self.pause_until(deadline_ns)
+
     def now_ns(self) -> int:
         """The system's time, as its records are stamped."""
         return monotonic_ns() if self._page is None else min(self._words[self._now], NEVER)
@@ -70,7 +81,8 @@ class SystemTime:
                 left = min(left, real_s or 0.0)
             if self._page is not None:
                 # In lock-step its speed is unknown; paced it is never early.
-                left = max(MIN_S, min(left if self.clock == PACED else MIN_S, MAX_S))
+                least = HELD_S if self.is_held else MIN_S
+                left = max(least, min(left if self.clock == PACED else least, MAX_S))
             pause(left)
 
     def close(self) -> None:
@@ -78,30 +90,22 @@ class SystemTime:
         if self._page is not None:
             self._page.close()
 
-    def __enter__(self) -> SystemTime:
-        return self
 
-    def __exit__(self, *exception: object) -> None:
-        self.close()
+class Patience(Closable):
+    """This long in a system's time, at most ten times as long in real time."""
 
-
-class Patience:
-    """This long in a system's time, at most `slower` times as long in real time. A context manager."""
-
-    def __init__(self, system: str, seconds: float, slower: float = 10.0) -> None:
+    def __init__(self, system: str, seconds: float) -> None:
         self._time = SystemTime(system)
         self._end_ns = self._time.now_ns() + round(seconds * 1e9)
-        self._real_ns = monotonic_ns() + round(seconds * slower * 1e9)
+        self._real_ns = monotonic_ns() + round(seconds * 10e9)
 
     @property
     def is_over(self) -> bool:
         """Whether the waiting time is over."""
         return self._time.now_ns() >= self._end_ns or monotonic_ns() >= self._real_ns
 
-    def __enter__(self) -> Patience:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
+        """Unmap."""
         self._time.close()
 
 

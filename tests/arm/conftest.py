@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 
 import pytest
@@ -11,8 +11,6 @@ from tests.arm.on_boards import HomedOnBoards
 
 
 @pytest.fixture(scope="session")
-def homed_on_boards() -> Iterator[Callable[[str, str], HomedOnBoards]]:
-    """By system file and name, each homed once; released at the end, because ruckig reports objects that outlive it."""
-    kept = cache(HomedOnBoards.of_site)
-    yield kept
-    kept.cache_clear()
+def homed_on_boards() -> Callable[[str, str], HomedOnBoards]:
+    """By system file and name, each homed once."""
+    return cache(HomedOnBoards.of_site)

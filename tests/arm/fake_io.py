@@ -30,7 +30,6 @@ AXES = 7
 PERIOD_NS = 2_000_000
 HURRIED_NS = 20_000_000
 SECOND = 1_000_000_000
-DESIRED_FIELDS = tuple((desired.field, desired) for desired in DESIRED_STATES)
 
 
 class View(dict[str, Any]):
@@ -66,11 +65,12 @@ class FakeIo(Guarded):
         super().__init__("io", FakeCell())
         self.axes, self.name = axes, name
         self.record: View = Record(IO_STATE, axes=axes + 2, drives=axes + 2, robots=2, inputs=inputs, outputs=0)
+        self._seen: tuple[View, View] | None = None
         self.stamp_ns = 0
         self.epoch = 1
         self.stall = ""
         """What its events say of a stall."""
-        self.power_cycles, self.bias_cycles, self.read_cycles = 5, 20, 50
+        self.power_cycles, self.bias_cycles, self.read_cycles = 5, 20, 20
         self._now_ns = 0
         self.never_powers = self.never_biases = self.deaf = self.stuck = self.blind = False
         self.sent: list[tuple[str, tuple[float, ...]]] = []
@@ -140,6 +140,8 @@ class FakeIo(Guarded):
         """One cycle: commands, power, bias, joint controller."""
         if self.deaf:
             return
+        if self._seen is None or self._seen[0] is not self.record or self._seen[1] is not setpoint:
+            self._see(setpoint)
         self._now_ns = now_ns
         for number, name, values in self._queue:
             if name in self.refuses:
@@ -152,26 +154,37 @@ class FakeIo(Guarded):
         self._power_and_bias()
         self._control(setpoint)
         self.stamp_ns = now_ns
-        self.record.set("valid", not self.blind)
-        self.record.set("robot_valid", not self.blind)
+        self._valid[...] = self._robot_valid[...] = not self.blind
+
+    def _see(self, setpoint: View) -> None:
+        """Find the parts of both records that each cycle needs."""
+        record, axes = self.record, self.axes
+        self._seen = record, setpoint
+        self._valid, self._robot_valid = record["valid"], record["robot_valid"]
+        self._fault, self._pid, self._void = record["fault"], record["pid_enabled"], record["desired_void"]
+        self._generations = [(setpoint[tag], record[tag]) for tag in ("bias_generation", "pid_generation")]
+        self._desired = [(setpoint[row.field], record[row.shown], row) for row in DESIRED_STATES]
+        self._effort_mode, self._mode = record["effort_mode"][2:], setpoint["mode"]
+        self._in_effort, self._wanted = setpoint["in_effort"][:axes], setpoint["position"][:axes]
 
     def _look_at_desired_states(self, setpoint: View) -> None:
         """Each that is not so is carried out, unless it is `refuses`d; of `loses` the record is overlooked."""
-        if self.flag("fault") and not self._had_fault:
+        has_fault = bool(self._fault.item(1))
+        if has_fault and not self._had_fault:
             self.void()
-        self._had_fault = bool(self.flag("fault"))
+        self._had_fault = has_fault
         generation = setpoint["desired_generation"].item()
         if generation not in (0, self.flag("desired_generation")):
             self.flag("desired_generation", generation)
             self.flag("desired_void", False)
             self.flag("desired_refused", b"")
             self._looked_at.clear()
-        if not generation or self.flag("desired_void"):
+        if not generation or self._void.item(1):
             return
         refused = ""
-        for field, desired in DESIRED_FIELDS:
-            wanted = setpoint[field].item()
-            if wanted and bool(self.flag(desired.shown)) is not (wanted == 2):
+        for asked_for, shown, desired in self._desired:
+            wanted = asked_for.item()
+            if wanted and bool(shown.item(1)) is not (wanted == 2):
                 origin = Origin(int(setpoint["desired_origin"]), int(setpoint["desired_since"]),
                                 setpoint.text("desired_program"))
                 name, values = desired.on if wanted == 2 else desired.off
@@ -190,7 +203,8 @@ class FakeIo(Guarded):
                     self.refused.append(f"{name} {values}: {refused}")
                 else:
                     self._do(name, values)
-        self.flag("desired_refused", refused.encode())
+        if refused or self.record["desired_refused"].item(1):
+            self.flag("desired_refused", refused.encode())
 
     def _do(self, name: str, values: tuple[float, ...]) -> None:
         match name:
@@ -239,21 +253,22 @@ class FakeIo(Guarded):
                 self.flag("bias_generation", self.flag("bias_generation") + 1)
 
     def _control(self, setpoint: View) -> None:
-        if not self.flag("pid_enabled"):
-            self.setpoint[...] = self.position
+        mine = self.setpoint
+        if not self._pid.item(1):
+            mine[...] = self.position
             return
-        tags = all(setpoint[tag].item() == self.flag(tag) for tag in ("bias_generation", "pid_generation"))
-        drive = setpoint["mode"].item() == 1 and tags
-        in_effort = setpoint["in_effort"][: self.axes] & drive
-        if not drive:  # what applied efforts is held where it is
-            np.copyto(self.setpoint, self.position, where=self.record["effort_mode"][2:])
-        self.record["effort_mode"][2:] = in_effort
-        if drive:
-            before = self.setpoint.copy()
-            wanted = np.where(in_effort, self.position, setpoint["position"][: self.axes])
-            self.setpoint[...] = wanted
-            steps = np.abs(wanted - before)[~in_effort]
-            self.largest_step = max(self.largest_step, float(steps.max(initial=0.0)))
+        if self._mode.item() != 1 or any(tag.item() != own.item(1) for tag, own in self._generations):
+            if self._effort_mode.any():  # what applied efforts is held where it is
+                np.copyto(mine, self.position, where=self._effort_mode)
+                self._effort_mode[...] = False
+        else:
+            self._effort_mode[...] = self._in_effort
+            wanted = np.where(self._in_effort, self.position, self._wanted) if self._in_effort.any() else self._wanted
+            if wanted.tobytes() != mine.tobytes():
+                steps = np.abs(wanted - mine)
+                steps[self._in_effort] = 0.0
+                self.largest_step = max(self.largest_step, float(steps.max()))
+                mine[...] = wanted
         if not self.stuck:
             self._move()
 

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from tests.arm.arm_configs import TOOL, bare_arm
-from tests.arm.fake_io import PERIOD_NS, ArmHarness
+from tests.arm.fake_io import ArmHarness
 from trocar.procs.document.system import ArmInputs
 
 INPUTS = {"PSM1_arm_clutch": 0, "PSM1_adapter": 1, "PSM1_tool": 2}
 NAMES = ArmInputs(clutch="PSM1_arm_clutch", adapter="PSM1_adapter", tool="PSM1_tool")
 DRIVER = "LARGE_NEEDLE_DRIVER:400006"
 OTHER = dataclasses.replace(TOOL, name="MEGA_NEEDLE_DRIVER_400194", names=("MEGA_NEEDLE_DRIVER",), model="400194")
-FASTEST = np.array((1.58, 1.58, 0.2, 18.9, 18.9, 18.9, 18.9)) * PERIOD_NS * 1e-9 * 1.01
+LONG_NS = 5_000_000  # what is engaged takes seconds
+FASTEST = np.array((1.58, 1.58, 0.2, 18.9, 18.9, 18.9, 18.9)) * LONG_NS * 1e-9 * 1.01
 
 
 class SwitchedPsm(ArmHarness):
@@ -23,7 +24,7 @@ class SwitchedPsm(ArmHarness):
 
     def __init__(self, **changes: Any) -> None:
         detection = {"tool_detection": "MANUAL", "tools": (TOOL, OTHER), **changes}
-        super().__init__(bare_arm(inputs=NAMES, instrument_reader="PSM1_dallas", **detection), inputs=INPUTS)
+        super().__init__(bare_arm(inputs=NAMES, instrument_reader="PSM1_dallas", **detection), LONG_NS, inputs=INPUTS)
         self.largest = np.zeros(7)
 
     def step(self, *requests: Any) -> None:
@@ -78,8 +79,8 @@ def with_adapter(**changes: Any) -> SwitchedPsm:
 
 def restart(psm: SwitchedPsm, away_s: float = 0.3) -> None:
     """kill -9; io holds for a while; a new process begins on the records as they are."""
-    for _ in range(round(away_s * 1e9 / PERIOD_NS)):
-        psm.now_ns += PERIOD_NS
+    for _ in range(round(away_s * 1e9 / psm.period_ns)):
+        psm.now_ns += psm.period_ns
         psm.setpoint.set("mode", 0)
         psm.setpoint["in_effort"][...] = False
         psm.io.cycle(psm.now_ns, psm.setpoint)

@@ -71,6 +71,10 @@ class FakeRequest:
         if self.holder == NAMELESS:
             self.holder = Holder(self.pid, self.origin.program)
 
+    @property
+    def sent_by(self) -> str:
+        return self.holder.acting_for(self.origin.program)
+
     def accept(self, text: str = "") -> None:
         self.replies.append(("accepted", text))
 

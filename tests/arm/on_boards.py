@@ -46,8 +46,8 @@ class OnBoards:
         for field in SETPOINTS:
             setattr(self.source, field, self.setpoint[field])
         self.source.desired = DesiredFields(self.setpoint.field)
-        self.place, first = place_in(self.harness.io, self.document)
-        self.axes = slice(first, first + len(self.harness.io.robots[self.place].actuators))
+        place = place_in(self.harness.io, self.document)
+        self.place, self.axes = place.row, place.axes
         self.period_s = self.harness.io.period_s
         self.orders: list[Order] = []
         self.replies: list[Reply] = []
@@ -141,8 +141,8 @@ class OnBoards:
         self.start_arm()
 
 
-SLOW = ("io.period_s=0.002", "arm.period_s=0.002")
-"""Settings for long ways: a third of the cycles."""
+SLOW = ("io.period_s=0.002", "arm.period_s=0.002", "emulation.period_s=0.002")
+"""Settings for long ways: a third of the cycles, half the steps of the plant."""
 
 
 def of_site(file: str, name: str, *sets: str) -> OnBoards:
@@ -165,7 +165,7 @@ class HomedOnBoards:
     @classmethod
     def of_site(cls, file: str, name: str) -> HomedOnBoards:
         """One that is homed now, which takes seconds; tests take it from the fixture `homed_on_boards`."""
-        robot = of_site(file, name)
+        robot = of_site(file, name, *SLOW)
         robot.run(0.1)
         start = robot.clock.ns
         spent = robot.homed()

@@ -40,6 +40,15 @@ def test_only_power_that_is_asked_for_is_wanted() -> None:
     assert wanted(harness)["power"] == OFF and wanted(harness)["pid"] == OFF
 
 
+def test_after_a_fault_an_arm_asks_for_nothing_on_the_authority_of_an_earlier_command() -> None:
+    harness = ArmHarness().homed()
+    assert int(harness.setpoint["desired_origin"]) == PERSON.id
+    harness.io.drop_power()
+    harness.until(lambda: harness.arm.state == "FAULT")
+    harness.step()
+    assert int(harness.setpoint["desired_origin"]) == 0
+
+
 def test_generations_count_changes_and_not_cycles() -> None:
     harness = ArmHarness().homed()
     before = generation(harness)
@@ -100,10 +109,11 @@ def test_a_fault_of_an_arm_without_power_does_not_keep_it_from_a_new_command() -
     assert harness.io.flag("fault") == 0
 
 
-@pytest.mark.parametrize("state", ["POWERING", "ENABLED", "HOMING", "HOMED"])
-@pytest.mark.parametrize("name", ["power_off", "pid_enable", "servo_zero"])
+@pytest.mark.parametrize(("state", "name"), [
+    ("POWERING", "power_off"), ("ENABLED", "pid_enable"), ("HOMING", "servo_zero"),
+    *(("HOMED", name) for name in ("power_off", "pid_enable", "servo_zero"))])
 def test_what_a_person_takes_from_a_played_robot_is_not_given_back(state: str, name: str) -> None:
-    pair = KinematicPair()
+    pair = KinematicPair(period_ns=10_000_000)
     pair.run(0.02)
     way = (("enable", "ENABLED"), ("home", state)) if state in ("HOMING", "HOMED") else (("enable", state),)
     for word, until in way:

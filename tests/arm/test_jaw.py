@@ -141,6 +141,77 @@ def test_a_jaw_move_goes_on_when_the_arm_is_sent_elsewhere(harness: ArmHarness) 
     assert harness.state["jaw_position"] == pytest.approx(1.0) and harness.state["position"][0] == pytest.approx(0.1)
 
 
+def arm_streams(harness: ArmHarness, cycles: int, command: str = "servo_jp") -> list[tuple[float, float, float]]:
+    """A goal for the arm in each cycle; yaw's goal, and the setpoints of yaw and jaw in each."""
+    path, control = [], harness.arm.control
+    for _ in range(cycles):
+        joints = list(control.take_goal()[:6])
+        joints[0] += 0.0002
+        values = (0.0002 / (harness.period_ns * 1e-9), *[0.0] * 5) if command == "servo_jv" else tuple(joints)
+        assert harness.send(command, values).outcomes == ["done"]
+        path.append((joints[0], control.here[0].item(), control.here[6].item()))
+    return path
+
+
+@pytest.mark.parametrize("command", ["servo_jp", "servo_jv"])
+def test_a_jaw_move_beside_a_stream_of_the_arm_lasts_as_long_as_alone_and_leaves_the_stream_as_it_is(
+        harness: ArmHarness, command: str) -> None:
+    alone = at(ArmHarness(fixed_arm()).homed(), DEEP)
+    jaw = alone.send("jaw/move_jp", (1.0,))
+    begin_ns = alone.now_ns
+    alone.until(lambda: jaw.outcomes[-1] != "accepted")
+    arm_streams(harness, 5, command)
+    beside = harness.send("jaw/move_jp", (1.0,))
+    path = arm_streams(harness, (alone.now_ns - begin_ns) // harness.period_ns + 2, command)
+    assert beside.outcomes == ["accepted", "done"] and beside.replies[-1] == ("done", "")
+    assert path[-1][2] == pytest.approx(1.0), "the jaw is there"
+    assert max(abs(goal - yaw) for goal, yaw, _ in path) < 0.0005, "and yaw at its goal of this or the last cycle"
+    steps = np.diff([jaw for *_, jaw in path])
+    assert steps.min() >= -1e-12 and steps.max() < 0.02
+
+
+def test_a_stream_of_the_arm_leaves_the_jaws_move_as_it_is_and_replaces_the_arms(harness: ArmHarness) -> None:
+    jaw, arm = harness.send("jaw/move_jp", (1.0,)), harness.send("move_jp", FAR)
+    harness.run(0.02)
+    path = arm_streams(harness, 5)
+    assert arm.outcomes == ["accepted", "failed"] and jaw.outcomes == ["accepted"]
+    assert harness.state["is_busy"]
+    harness.until(lambda: jaw.outcomes[-1] != "accepted")
+    assert jaw.replies[-1] == ("done", "") and harness.arm.control.here[6] == pytest.approx(1.0)
+    assert harness.arm.control.here[0] == pytest.approx(path[-1][0])
+
+
+def test_a_move_of_the_arm_takes_along_the_jaws_move_beside_a_stream(harness: ArmHarness) -> None:
+    arm_streams(harness, 5)
+    jaw = harness.send("jaw/move_jp", (1.0,))
+    arm_streams(harness, 5)
+    arm = harness.send("move_jp", FAR)
+    harness.until(lambda: arm.outcomes[-1] != "accepted")
+    assert arm.outcomes == jaw.outcomes == ["accepted", "done"]
+    assert harness.arm.control.here == pytest.approx((*FAR, 1.0))
+
+
+@pytest.mark.parametrize(("command", "values"), [("hold", ()), ("jaw/servo_jp", (0.2,)), ("servo_jf", (0.0,) * 6)])
+def test_a_jaws_move_beside_a_stream_ends_with_whatever_ends_it_alone(
+        harness: ArmHarness, command: str, values: tuple[float, ...]) -> None:
+    arm_streams(harness, 5)
+    jaw = harness.send("jaw/move_jp", (1.0,))
+    arm_streams(harness, 5)
+    harness.send(command, values)
+    harness.run(0.3)
+    assert jaw.outcomes == ["accepted", "failed"] and not harness.state["is_busy"]
+    assert harness.arm.control.here[6] < 0.5
+
+
+def test_a_changed_ratio_applies_to_the_rest_of_a_jaws_move_beside_a_stream(harness: ArmHarness) -> None:
+    arm_streams(harness, 5)
+    harness.send("jaw/move_jp", (1.0,))
+    arm_streams(harness, 5)
+    before = harness.arm.control.motion.end_ns
+    harness.send("trajectory_j/set_ratio", (0.1,))
+    assert harness.arm.control.motion.end_ns > before + 100_000_000
+
+
 def test_a_jaw_effort_begins_cartesian_effort_control(harness: ArmHarness) -> None:
     assert harness.send("jaw/servo_jf", (0.05,)).outcomes == ["done"]
     harness.step()

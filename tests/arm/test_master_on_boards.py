@@ -90,11 +90,11 @@ def test_a_process_that_dies_in_effort_mode_jerks_nothing(robot: OnBoards, locke
     robot.run(0.5)
     before = tip(robot)[:3, 3]
     jump = 0.0
-    for _ in range(1500):
+    for _ in range(round(1.0 / robot.period_s)):
         robot.step(alive=False)
         jump = max(jump, float(np.abs(tip(robot)[:3, 3] - before).max()))
     robot.start_arm()
-    for _ in range(1500):
+    for _ in range(round(1.0 / robot.period_s)):
         robot.step()
         jump = max(jump, float(np.abs(tip(robot)[:3, 3] - before).max()))
     assert robot.arm.state == "HOMED" and jump < MAX_JUMP

@@ -7,9 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.arm.arm_configs import bare_arm, fixed_arm
+from tests.arm.arm_configs import TOOL, bare_arm, fixed_arm
 from tests.arm.fake_io import SECOND, ArmHarness
 from tests.arm.fake_requests import FakeRequest
+from trocar.procs.arm.joints import joints
+from trocar.procs.arm.motion import Motion
 from trocar.procs.document.arms import ArmConfig
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
@@ -332,6 +334,22 @@ def test_pause_holds_and_refuses_motion(harness: ArmHarness) -> None:
 def test_only_the_insertion_is_told_in_metres(made: Callable[[], ArmConfig]) -> None:
     joints = ArmHarness(made()).homed().arm.control.joints
     assert [joints.unit(axis) for axis in range(joints.size)] == ["rad", "rad", "m", "rad", "rad", "rad", "rad"]
+
+
+@pytest.mark.parametrize("jerk_time_s", [0.0, 0.1, 0.3])
+def test_a_move_from_any_motion_stays_within_the_limits(jerk_time_s: float) -> None:
+    if jerk_time_s:
+        pytest.importorskip("ruckig", reason="no package of ruckig for this machine", exc_type=ImportError)
+    space, random = joints(fixed_arm(), TOOL), np.random.default_rng(5)
+    for _ in range(60):
+        motion = Motion(space, jerk_time_s)
+        motion.hold(random.uniform(space.lower, space.upper))
+        assert motion.move(random.uniform(space.lower, space.upper), random.uniform(-1.0, 1.0) * space.v_max, 0) == ""
+        now_ns = 0
+        while motion.moving:
+            now_ns += 10_000_000
+            motion.step(now_ns)
+            assert (motion.goal > space.lower - 1e-9).all() and (motion.goal < space.upper + 1e-9).all()
 
 
 def test_a_move_out_of_a_fast_stream_stays_within_the_limits(harness: ArmHarness) -> None:

@@ -29,10 +29,10 @@ def psm(tool: str, **changes: Any) -> ArmConfig:
 
 
 def at(harness: ArmHarness, place: tuple[float, ...]) -> ArmHarness:
-    move = harness.send("move_jp", place)
-    harness.until(lambda: move.outcomes[-1] in ("done", "failed"))
-    jaw = harness.send("jaw/move_jp", (0.0,))
-    harness.until(lambda: jaw.outcomes[-1] in ("done", "failed"))
+    with harness.hurried():
+        for name, goal in (("move_jp", place), ("jaw/move_jp", (0.0,))):
+            move = harness.send(name, goal)
+            harness.until(lambda: move.outcomes[-1] in ("done", "failed"))  # noqa: B023
     harness.run(0.15)
     harness.reports.events.clear()
     return harness
@@ -132,16 +132,17 @@ def test_every_stock_instrument_can_be_carried(name: str) -> None:
 def test_every_stock_instrument_is_engaged_within_what_its_discs_can_do(name: str) -> None:
     arm = psm(name, inputs=ArmInputs(tool="tool"))
     harness = ArmHarness(arm, inputs={"tool": 0})
-    harness.run(0.6)
+    with harness.hurried():
+        harness.run(0.6)
     harness.homed()
-    move = harness.send("move_jp", (0.0, 0.0, 0.005, *harness.state["setpoint_position"][3:7]))
-    harness.until(lambda: "done" in move.outcomes)
+    harness.go((0.0, 0.0, 0.005, *harness.state["setpoint_position"][3:7]))
     harness.press("tool")
     harness.until(lambda: harness.arm.state == "ENGAGING_TOOL", 1.0)
     furthest = np.zeros(4)
-    while harness.arm.state == "ENGAGING_TOOL":
-        harness.step()
-        furthest = np.maximum(furthest, np.abs(harness.io.setpoint[3:]))
+    with harness.hurried():
+        while harness.arm.state == "ENGAGING_TOOL":
+            harness.step()
+            furthest = np.maximum(furthest, np.abs(harness.io.setpoint[3:]))
     assert (furthest <= math.pi).all() and furthest.max() > 1.0, "half a turn at most, and not nothing"
     harness.run(0.1)
     assert harness.state["is_homed"] and harness.state.text("tool") == name

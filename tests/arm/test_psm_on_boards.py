@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from functools import cache, cached_property
 
 import numpy as np
 import pytest
@@ -60,13 +62,40 @@ def tip(robot: OnBoards) -> np.ndarray:
         (space.to_joint @ robot.truth)[: space.count].copy(), np.eye(4))[:3, 3]
 
 
+class EngagedSite:
+    """A site on the way to an instrument that is on; tests begin where they need it, as engaging takes half a minute.
+
+    `begun`: its adapter is being engaged, `bare`: it is engaged, `whole`: a needle driver is engaged as well.
+    """
+
+    def __init__(self, site: str) -> None:
+        self.site = Site(site)
+        self.site.with_adapter()
+        self.begun = RememberedObjects({"site": self.site})
+        self.site.until_engaged()
+        assert self.site.robot.state["count"] == 7 and not problems(self.site.robot)
+        self.bare = RememberedObjects({"site": self.site})
+
+    @cached_property
+    def whole(self) -> RememberedObjects:
+        self.bare.put_back()
+        self.site.put_on(NEEDLE_DRIVER)
+        self.site.until_engaged()
+        return RememberedObjects({"site": self.site})
+
+
+@pytest.fixture(scope="module")
+def engaging() -> Callable[[str], EngagedSite]:
+    """By site."""
+    return cache(EngagedSite)
+
+
 @pytest.mark.parametrize(("site", "name"), SITES)
-def test_adapter_and_instrument_of_a_real_site_are_engaged(site: str, name: str) -> None:
-    made = Site(site)
+def test_adapter_and_instrument_of_a_real_site_are_engaged(engaging: Callable[[str], EngagedSite], site: str, name: str
+                                                           ) -> None:
+    engaging(site).bare.put_back()
+    made = engaging(site).site
     robot = made.robot
-    made.with_adapter()
-    made.until_engaged()
-    assert robot.state["count"] == 7 and not problems(robot)
     made.put_on(name)
     made.until_engaged()
     engaged_well(robot, 8 if "5MM" in name else 6)
@@ -79,12 +108,14 @@ def engaged_well(robot: OnBoards, joints: int) -> None:
     assert np.abs(robot.truth[3:]).max() < 0.03
 
 
-def test_a_process_that_dies_while_engaging_begins_it_again() -> None:
-    made = Site("jhu-dVRK")
-    made.with_adapter()
+def test_a_process_that_dies_while_engaging_begins_it_again(engaging: Callable[[str], EngagedSite]) -> None:
+    made = engaging("jhu-dVRK").site
+    engaging("jhu-dVRK").begun.put_back()
     dies_while_engaging(made)
+    engaging("jhu-dVRK").bare.put_back()
     made.put_on(NEEDLE_DRIVER)
     dies_while_engaging(made)
+    made.until_engaged()
     engaged_well(made.robot, 6)
 
 
@@ -96,27 +127,15 @@ def dies_while_engaging(made: Site) -> None:
     held = robot.truth.copy()
     robot.until(lambda: robot.arm.state == state, 0.1)
     assert np.abs(robot.truth - held).max() < 1e-3
-    made.until_engaged()
-    assert not problems(robot)
-
-
-@pytest.fixture(scope="module")
-def engaged() -> tuple[Site, RememberedObjects]:
-    """A needle driver engaged, and what puts it back: engaging takes half a minute of its clock."""
-    made = Site("jhu-dVRK")
-    made.with_adapter()
-    made.until_engaged()
-    made.put_on(NEEDLE_DRIVER)
-    made.until_engaged()
-    return made, RememberedObjects({"site": made})
+    robot.run(1.0)
+    assert robot.arm.state == state and not problems(robot)
 
 
 @pytest.fixture
-def site(engaged: tuple[Site, RememberedObjects]) -> Site:
+def site(engaging: Callable[[str], EngagedSite]) -> Site:
     """A needle driver engaged."""
-    made, then = engaged
-    then.put_back()
-    return made
+    engaging("jhu-dVRK").whole.put_back()
+    return engaging("jhu-dVRK").site
 
 
 @pytest.mark.parametrize("doing", (

@@ -59,9 +59,9 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize(("state", "event"), list(itertools.product(ArmState, ArmEvent)))
-def test_every_pair_leads_where_the_specification_says(state: ArmState, event: ArmEvent) -> None:
-    assert follow(state, event) is EXPECTED[state].get(event, state)
+def test_every_pair_leads_where_the_specification_says() -> None:
+    found = {state: {event: follow(state, event) for event in ArmEvent} for state in ArmState}
+    assert found == {state: dict.fromkeys(ArmEvent, state) | EXPECTED[state] for state in ArmState}
 
 
 def test_every_state_is_published_and_every_word_is_known() -> None:
@@ -72,12 +72,11 @@ def test_every_state_is_published_and_every_word_is_known() -> None:
     assert BUSY.isdisjoint(BEYOND)
 
 
-@pytest.mark.parametrize(("state", "word"), list(itertools.product(ArmState, COMMANDS)))
-def test_a_refusal_names_command_state_and_sub_state(state: ArmState, word: ArmEvent) -> None:
-    reason = refusal(state, state, word)
-    assert (word in ACCEPTED[PUBLISHED[state]]) is (not reason)
-    if reason:
-        assert word in reason and PUBLISHED[state] in reason and state in reason
+def test_a_refusal_names_command_state_and_sub_state() -> None:
+    for state, word in itertools.product(ArmState, COMMANDS):
+        reason = refusal(state, state, word)
+        assert (word in ACCEPTED[PUBLISHED[state]]) is (not reason), (state, word)
+        assert not reason or all(part in reason for part in (word, PUBLISHED[state], state)), (state, word)
 
 
 def test_an_unknown_word_is_refused_with_the_known_ones() -> None:
@@ -130,8 +129,9 @@ def test_every_command_in_every_state_is_answered_and_leads_on(state: str, word:
     assert request.outcomes[0] == ("accepted" if accepted else "refused")
     assert len(harness.reports.of("operating_state")) >= (2 if accepted else 1)
     assert len(harness.reports.of("warning")) == (0 if accepted else 1)
-    harness.until(lambda: harness.arm.state == where_to(state, word), 10.0)
-    harness.run(1.0)
+    with harness.hurried():
+        harness.until(lambda: harness.arm.state == where_to(state, word), 10.0)
+        harness.run(1.0)
     assert harness.arm.state == where_to(state, word)
     if accepted:
         assert request.outcomes == ["accepted", "done"]
@@ -212,11 +212,12 @@ def give_in_one_cycle(harness: ArmHarness, *words: str) -> list[FakeRequest]:
     """Run until the arm is in the same state for a second."""
     requests = [FakeRequest("state_command", text=word) for word in words]
     harness.step(*requests)
-    while True:
-        before = harness.arm.state
-        harness.run(1.0)
-        if harness.arm.state == before:
-            return requests
+    with harness.hurried():
+        while True:
+            before = harness.arm.state
+            harness.run(1.0)
+            if harness.arm.state == before:
+                return requests
 
 
 @pytest.mark.parametrize(("begin", "words", "end", "outcomes"), [

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from tests.arm.fake_requests import FakeRequest
-from trocar.procs.arm.streams import StreamKind, Streams
 from trocar.procs.node.requests import STREAM_PAUSE_NS
+from trocar.procs.node.streams import StreamKind, Streams
 from trocar.shm.mailbox.origins import Origin
 from trocar.shm.memory.holders import Holder
 

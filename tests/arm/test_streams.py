@@ -10,8 +10,8 @@ import pytest
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
 from tests.arm.fake_requests import FakeRequest
-from trocar.procs.arm.streams import STREAM_NS
 from trocar.procs.node.requests import STREAM_PAUSE_NS
+from trocar.procs.node.streams import STREAM_NS
 from trocar.shm.mailbox.origins import Origin, SenderId
 
 MS = 1_000_000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tests.arm.fake_io import ArmHarness
 from trocar.shm.mailbox.generations import NoFaults
+from trocar.shm.mailbox.origins import Origin
 
 
 class VoidCell(NoFaults):
@@ -15,8 +16,8 @@ class VoidCell(NoFaults):
     def fault(self) -> None:
         self.reported.append("fault")
 
-    def switched_off(self, origin: int) -> None:
-        self.reported.append(f"off by {origin}")
+    def switched_off(self, origin: Origin) -> None:
+        self.reported.append(f"off by {origin.id}")
 
 
 

@@ -47,7 +47,7 @@ class Exchange:
     reply: bytes | None
 
     @property
-    def request(self) -> wire.WireRequest:
+    def request(self) -> board_side.WireRequest:
         """The request, decoded."""
         return board_side.decode_request(self.data)
 
@@ -117,9 +117,9 @@ def _asks(exchange: Exchange, tcode: int, address: int) -> bool:
     return exchange.request.tcode == tcode and exchange.request.address == address
 
 
-def _response(reply: wire.Buffer) -> wire.WireResponse:
-    response = wire.decode_response(reply)
-    assert isinstance(response, wire.WireResponse)
+def _response(reply: wire.Buffer) -> board_side.WireResponse:
+    response = board_side.decode_response(reply)
+    assert isinstance(response, board_side.WireResponse)
     return response
 
 
@@ -147,7 +147,7 @@ class Comparison:
         found += _crcs(bytes(reply), ours)
         return [*found, *self._data(exchange.request.address, _quads(stub), _quads(ours))]
 
-    def _header(self, exchange: Exchange, stub: wire.WireResponse, ours: wire.WireResponse) -> list[str]:
+    def _header(self, exchange: Exchange, stub: board_side.WireResponse, ours: board_side.WireResponse) -> list[str]:
         # With "do not forward", Rev 9 names itself by its board id.
         by_id = self._capture.firmware >= 9 and exchange.request.flags & wire.NO_FORWARD
         node = stub.node if by_id else self._capture.node(stub.node)
@@ -195,18 +195,18 @@ def _unequal(fields: Iterable[tuple[str, int, int]]) -> list[str]:
     return [f"{name} 0x{ours:X} instead of 0x{stub:X}" for name, stub, ours in fields if stub != ours]
 
 
-def _trailer(stub: wire.Trailer, ours: wire.Trailer, generation: int) -> list[str]:
+def _trailer(stub: board_side.Trailer, ours: board_side.Trailer, generation: int) -> list[str]:
     found = _unequal([("trailer flags", stub.flags & ~_SWITCH_PORT, ours.flags & ~_SWITCH_PORT),
                       ("generation", generation, ours.generation), ("spare byte", stub.spare, ours.spare),
                       ("packet errors", stub.packet_errors, ours.packet_errors)])
     return found if 0 < ours.receive_ticks <= ours.total_ticks else [*found, "times in the trailer"]
 
 
-def _crcs(reply: bytes, ours: wire.WireResponse) -> list[str]:
+def _crcs(reply: bytes, ours: board_side.WireResponse) -> list[str]:
     at = 16
-    fine = ours.crc in (0, wire.crc(reply[:at])) and ours.data_crc in (0, wire.crc(ours.data))
+    fine = ours.crc in (0, board_side.crc(reply[:at])) and ours.data_crc in (0, board_side.crc(ours.data))
     return [] if fine else ["a CRC that is neither 0 nor right"]
 
 
-def _quads(response: wire.WireResponse) -> tuple[int, ...]:
+def _quads(response: board_side.WireResponse) -> tuple[int, ...]:
     return struct.unpack(f">{len(response.data) // 4}I", response.data)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 
 from tests import stock
 from tests.boards.rails import MS, START, Rails
+from tests.fpga import board_side
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.boards.setup_joints import SetupJointsPlant
 from trocar.procs.config import load_system
@@ -31,6 +33,7 @@ PLACES = {
 }
 
 
+@cache
 def cart(board: Controller = BOARD, noise: float = 0.0) -> SystemConfig:
     """The setup joints of the site's files on a controller."""
     loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")],
@@ -68,8 +71,9 @@ class CartHost:
         assert self.world.answer(0, wire.quadlet_write(0, address, value, 1, 1), self.now) is None
 
     def read(self, address: int) -> int:
-        response = wire.decode_response(self.world.answer(0, wire.quadlet_read(0, address, 1, 1), self.now) or b"")
-        assert isinstance(response, wire.WireResponse)
+        reply = self.world.answer(0, wire.quadlet_read(0, address, 1, 1), self.now)
+        response = board_side.decode_response(reply or b"")
+        assert isinstance(response, board_side.WireResponse)
         return response.value
 
     # -- outputs, as the original library writes them ------------------------------------------------------------------

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tests.fpga import board_side
 from trocar.procs.boards.controllers.bus import GROUP
 from trocar.procs.boards.controllers.models import HARDWARE
 from trocar.procs.document.system import BusConfig, Controller
@@ -83,7 +84,7 @@ class Rules:
         if q0 >> 22 != wire.BUS:
             return "a reply to another bus"
         try:
-            response = wire.decode_response(reply)
+            response = board_side.decode_response(reply)
         except wire.WireError as error:
             return str(error)
         trailer = response.trailer
@@ -92,9 +93,9 @@ class Rules:
             return f"trailer {trailer}"
         dropped = (tcode in READS and node != wire.BROADCAST and stamp != generation
                    and not (late and flags & wire.NO_FORWARD))
-        if isinstance(response, wire.Dropped) != dropped or bool(trailer.flags & wire.DROPPED) != dropped:
+        if isinstance(response, board_side.Dropped) != dropped or bool(trailer.flags & wire.DROPPED) != dropped:
             return "dropped and answered do not agree"
-        if isinstance(response, wire.Dropped):
+        if isinstance(response, board_side.Dropped):
             return ""
         if (response.tl, response.destination) != (q0 >> 10 & 0x3F, wire.HOST_ID) or response.bus != wire.BUS:
             return f"label {response.tl}, destination {response.destination:#x}, bus {response.bus:#x}"
@@ -104,7 +105,7 @@ class Rules:
             return self._of_read(data, response, self.source(flags, node, to))
         return self._of_query(tcode, flags, q2 & 0xFFFF, data, response)
 
-    def _of_read(self, data: bytes, response: wire.WireResponse, sources: set[int]) -> str:
+    def _of_read(self, data: bytes, response: board_side.WireResponse, sources: set[int]) -> str:
         if response.node not in sources:
             return f"source node {response.node}; allowed: {sources or 'no reply'}"
         if response.tcode != (data[5] >> 4) + 2:
@@ -112,13 +113,13 @@ class Rules:
         if response.tcode == wire.QUADLET_RESPONSE:
             return self._of_identity(struct.unpack_from(">H", data, 12)[0], response)
         if len(data) < 22:
-            return "a block nobody asked for"
+            return "an unrequested block"
         asked = struct.unpack_from(">H", data, 14)[0]
         if len(response.data) != asked & ~3 or asked > wire.MAX_DATA + 3:
             return f"{len(response.data)} data bytes; asked for: {asked}"
         return ""
 
-    def _of_identity(self, address: int, response: wire.WireResponse) -> str:
+    def _of_identity(self, address: int, response: board_side.WireResponse) -> str:
         """Some registers never change."""
         if address not in (reg.HARDWARE_ID, reg.FIRMWARE):
             return ""
@@ -126,7 +127,7 @@ class Rules:
                  for c in self.bus.controllers}
         return "" if response.value in known else f"register {address} reads {response.value:#x}"
 
-    def _of_query(self, tcode: int, flags: int, address: int, data: bytes, response: wire.WireResponse) -> str:
+    def _of_query(self, tcode: int, flags: int, address: int, data: bytes, response: board_side.WireResponse) -> str:
         """A reply without a read: Ethernet-only, to a query of the hub's board among others."""
         if self.bus.network != "ethernet" or tcode != wire.QUADLET_WRITE or address != reg.QUERY or len(data) < 22:
             return "a reply to a write"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tests.fpga import board_side
 from trocar.procs.boards.controllers import bus as wired
 from trocar.procs.document.system import Controller, Quirks
 from trocar.procs.fpga import registers as reg
@@ -46,17 +47,17 @@ class Desk:
         self.block(board_id << 8 | len(quads) + 1, *quads)
 
     def read(self, address: int = reg.STATUS, node: int = 0) -> int:
-        reply = wire.decode_response(
+        reply = board_side.decode_response(
             self.bus.answer(wire.quadlet_read(node, address, 1, self.bus.generation), self.tick) or b"")
-        assert isinstance(reply, wire.WireResponse)
+        assert isinstance(reply, board_side.WireResponse)
         return reply.value
 
     def real_time(self, node: int = 0) -> list[int]:
         """Quadlets of the real-time block of a board."""
         size = 4 * self.bus.firmware.models[0].layout.read_quads
-        reply = wire.decode_response(
+        reply = board_side.decode_response(
             self.bus.answer(wire.block_read(node, 0, size, 1, self.bus.generation), self.tick) or b"")
-        assert isinstance(reply, wire.WireResponse)
+        assert isinstance(reply, board_side.WireResponse)
         return [int(quad) for quad in np.frombuffer(reply.data, ">u4")]
 
     def axis(self, axis: int, offset: int, node: int = 0) -> int:

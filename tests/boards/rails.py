@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tests.fpga import board_side
 from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.document.system import (
     Actuator,
     BusConfig,
@@ -24,8 +26,8 @@ MS = 1_000_000
 START = 77_000_000_123
 
 
-class Rails:
-    """Every actuator runs at a speed of its own; currents are only noted."""
+class Rails(Plant):
+    """A world without physics: every actuator runs at a speed of its own; currents are only noted."""
 
     def __init__(self, axes: int) -> None:
         self.period_s = 1e-3
@@ -70,8 +72,8 @@ def two_buses(noise: float = 0.0, address: str = "127.91.7.16") -> SystemConfig:
 
 def real_time(world: Emulation, bus: int, node: int, now: int) -> np.ndarray:
     reply = world.answer(bus, wire.block_read(node, 0, 128, 1, 1), now)
-    response = wire.decode_response(reply or b"")
-    assert isinstance(response, wire.WireResponse)
+    response = board_side.decode_response(reply or b"")
+    assert isinstance(response, board_side.WireResponse)
     return np.frombuffer(response.data, ">u4").astype(np.int64)
 
 

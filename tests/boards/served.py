@@ -9,6 +9,7 @@ import time
 import pytest
 
 from tests.boards.rails import MS, Rails, two_buses
+from tests.fpga import board_side
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.boards.endpoints import Endpoints
 from trocar.procs.document.system import BusConfig
@@ -61,6 +62,6 @@ class Served:
     def ask(self, node: int, address: int) -> int:
         self.host.send(wire.quadlet_read(node, address, 1, self.world.buses[0].generation))
         self.endpoints.serve(1000 * MS)
-        response = wire.decode_response(self.host.recv(100))
-        assert isinstance(response, wire.WireResponse)
+        response = board_side.decode_response(self.host.recv(100))
+        assert isinstance(response, board_side.WireResponse)
         return response.value

@@ -18,7 +18,7 @@ from trocar.procs.boards.packet_faults import KINDS
 from trocar.procs.boards.robots.hand import Grip, Hands
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.command_row import listed
-from trocar.tools.verbs.send import parsed, renamed
+from trocar.tools.verbs.send import parsed
 
 NAN, INF = float("nan"), float("inf")
 
@@ -67,6 +67,7 @@ GOOD = [
     ("remove_instrument", [], "PSM1", ("remove", "PSM1")),
     ("apply_effort", [1, -2.5], "PSM1", ("push", "PSM1", [1.0, -2.5])),
     ("set_position", [0.5], "MTML_gripper", ("place", "MTML_gripper", [0.5])),
+    ("move_by_hand", [0.1, 0.2, 0.1, 0.0], "ECM", ("place", "ECM", [0.1, 0.2, 0.1, 0.0], ("by_hand", True))),
     ("support", [1], "MTML", ("support", "MTML", True)),
     ("pull_tip", [0.1, 0, 0, 0, 0, 0, 1], "MTML", ("hold", "MTML", [0.1, 0, 0, 0, 0, 0, 1], None)),
     ("pull_tip", [0, 0, 0, 0, 0, 0, 1, 400, 0.8], "MTML", ("hold", "MTML", [0, 0, 0, 0, 0, 0, 1], Grip.of(400, 0.8))),
@@ -112,7 +113,7 @@ def test_every_command_of_the_table_is_among_them() -> None:
 
 def test_every_command_has_an_example_that_works() -> None:
     rows = {command.name: listed(command) for command in COMMANDS["boards"]}
-    page = (Path(__file__).resolve().parents[2] / "docs" / "operating.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[2] / "docs" / "emulated-boards.md").read_text(encoding="utf-8")
     shown = set()
     for line in re.findall(r"`trocar send boards ([^`]*)`", page):
         name, *words = line.split()
@@ -171,15 +172,3 @@ def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float]
     command = Asked(name, values, text)
     BoardCommands(board_faults, Recorder(), Hands(plant, ("PSM1",)), world.packet_faults).carry_out(command)  # type: ignore[arg-type]
     assert command.outcome == reason
-
-
-@pytest.mark.parametrize(("typed", "sent"), [
-    ("push PSM1 1", "apply_effort PSM1 1"), ("hand_release MTML", "release_tip MTML"),
-    ("board_gone 7 1 IO1", "unplug_board 7 IO1"), ("board_gone 7 0", "plug_board 7"),
-    ("press clutch 1", "press clutch 1"),
-])
-def test_words_of_the_version_before_are_understood(typed: str, sent: str) -> None:
-    command, *words = typed.split()
-    now, left = renamed(command, words)
-    assert " ".join((now, *left)) == sent
-    assert now in {row.name for row in COMMANDS["boards"]}

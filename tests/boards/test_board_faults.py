@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
+from tests.fpga import board_side
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.document.system import Controller
@@ -95,8 +96,8 @@ def _query(world: Emulation, sequence: int, ids: tuple[int, ...], now: int) -> l
     """Headers that a broadcast query of bus 0 collects, 0 for what is missing."""
     write(world, 0, wire.BROADCAST, reg.QUERY, sequence << 16 | sum(1 << board for board in ids), now)
     reply = world.answer(0, wire.block_read(0, reg.HUB, (33 * len(ids) + 1) * 4, 1, 1), now + 1000)
-    response = wire.decode_response(reply or b"")
-    assert isinstance(response, wire.WireResponse)
+    response = board_side.decode_response(reply or b"")
+    assert isinstance(response, board_side.WireResponse)
     return [int(quad) for quad in np.frombuffer(response.data, ">u4")[:-1:33]]
 
 
@@ -110,17 +111,17 @@ def test_a_board_is_away_until_it_is_back_as_new() -> None:
     generation = world.buses[0].generation
     board_faults.take_away(9, False, "IO1")  # it is back already
     assert world.buses[0].generation == generation == 3
-    reply = wire.decode_response(world.answer(0, wire.quadlet_read(0, reg.WATCHDOG, 1, 3), START + 2000) or b"")
-    assert isinstance(reply, wire.WireResponse)
+    reply = board_side.decode_response(world.answer(0, wire.quadlet_read(0, reg.WATCHDOG, 1, 3), START + 2000) or b"")
+    assert isinstance(reply, board_side.WireResponse)
     assert reply.value == reg.WATCHDOG_POWER_UP
 
 
 def test_a_bus_reset_drops_requests_of_the_old_generation() -> None:
     world, board_faults = _world()
     board_faults.reset_bus("IO1")
-    replies = [wire.decode_response(world.answer(bus, wire.quadlet_read(0, reg.STATUS, 1, 1), START + 1000) or b"")
-               for bus in (0, 1)]
-    assert [type(reply) for reply in replies] == [wire.Dropped, wire.WireResponse]
+    request = wire.quadlet_read(0, reg.STATUS, 1, 1)
+    replies = [board_side.decode_response(world.answer(bus, request, START + 1000) or b"") for bus in (0, 1)]
+    assert [type(reply) for reply in replies] == [board_side.Dropped, board_side.WireResponse]
     assert [reply.trailer.generation for reply in replies] == [2, 1]
     board_faults.reset_bus()
     assert [bus.generation for bus in world.buses] == [3, 2]
@@ -203,7 +204,8 @@ def test_wrong_names_are_answered_with_what_there_is() -> None:
     for act, reason in wrong:
         with pytest.raises(KeyError, match=reason):
             act()
-    world.wiring.pot_volts.scale[1] = world.wiring.counts.scale[1] = 0.0
+    slot = world.wiring.slots[1]
+    world.wiring.pot_volts.scale[slot] = world.wiring.counts.scale[slot] = 0.0
     with pytest.raises(ValueError, match="PSM1: axis 1 has no potentiometer"):
         board_faults.drift("PSM1", 1, 1.0)
     with pytest.raises(ValueError, match="PSM1: axis 1 has no encoder"):

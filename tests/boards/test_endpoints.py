@@ -12,9 +12,10 @@ import pytest
 
 from trocar.procs.boards import endpoints as endpoints_module
 from trocar.procs.boards.controllers.bus import GROUP
-from trocar.procs.boards.endpoints import ANY, MULTICAST, BusAddressTaken, Endpoints
+from trocar.procs.boards.endpoints import ANY, MULTICAST, Endpoints
 from trocar.procs.document.system import BusConfig, Controller
 from trocar.procs.fpga import wire
+from trocar.procs.node.setup_error import SetupError
 
 MS = 1_000_000
 Heard = list[tuple[int, int, bytes]]
@@ -121,7 +122,7 @@ def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
             assert {host.recv(100), host.recv(100)} == {b"\x01first", b"\x00second"}  # in any order, of two sockets
             slack = 4_000_000  # the offset between the two clocks is read, not known
             assert before - slack <= min(stamps) <= max(stamps) <= sent + slack
-            with pytest.raises(BusAddressTaken, match=r"127\.91\.8\.16.*; stop that, or choose an address"):
+            with pytest.raises(SetupError, match=r"127\.91\.8\.16.*; stop that, or choose an address"):
                 Endpoints(buses, answer, time.monotonic_ns, simulated=False)
         finally:
             endpoints.close()

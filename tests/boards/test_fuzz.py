@@ -10,6 +10,7 @@ import struct
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import cache
 from time import thread_time_ns
 
 import numpy as np
@@ -117,6 +118,7 @@ class Fuzzed:
             self.replies["dropped" if len(reply) == 8 else f"to tcode {data[5] >> 4}"] += 1
 
 
+@cache
 def _system(bus: BusConfig) -> SystemConfig:
     """The demo on this bus; on a test board without its robot."""
     loaded = load_system(ROOT / "configs" / "systems" / "demo.yaml", boards="emulated", name="fuzz")
@@ -157,8 +159,8 @@ class FuzzHost:
         node = board.board_id if self.ethernet else self.bus.controllers.index(board)
         reply = self.send(wire.quadlet_read(node, address, 2, self.generation, self.flags), board.board_id
                           if self.ethernet else GROUP)
-        response = wire.decode_response(reply or b"")
-        assert isinstance(response, wire.WireResponse), f"board {board.board_id} does not answer"
+        response = board_side.decode_response(reply or b"")
+        assert isinstance(response, board_side.WireResponse), f"board {board.board_id} does not answer"
         return response.value
 
     @property
@@ -173,8 +175,8 @@ class FuzzHost:
             assert reply is None
             length = 4 * (sum(sizes) + 1)
             reply = self.send(wire.block_read(0, reg.HUB, length, 3, self.generation))
-        response = wire.decode_response(reply or b"")
-        assert isinstance(response, wire.WireResponse) and len(response.data) == 4 * (sum(sizes) + 1)
+        response = board_side.decode_response(reply or b"")
+        assert isinstance(response, board_side.WireResponse) and len(response.data) == 4 * (sum(sizes) + 1)
         quads = np.frombuffer(response.data, ">u4").astype(np.int64)
         found, at = [], 0
         while at < len(quads) - 1:  # over Ethernet in any order: the board's id tells
@@ -262,7 +264,7 @@ def _fuzz(name: str, count: int, seed: int) -> Fuzzed:
 @pytest.mark.usefixtures("no_collector")
 @pytest.mark.parametrize("name", BUSES)
 def test_thousands_of_datagrams_do_no_harm(name: str) -> None:
-    _fuzz(name, 6_000, SEED)
+    _fuzz(name, 1_500, SEED)
 
 
 @pytest.mark.soak
@@ -290,7 +292,7 @@ def test_sockets_bear_any_datagram() -> None:
 RULES = {name: Rules(bus) for name, bus in BUSES.items()}
 READ = wire.quadlet_read(1, reg.FIRMWARE, 5, 3)
 BLOCK = wire.block_read(1, reg.REAL_TIME, 128, 5, 3)
-GOOD = board_side.quadlet_response(1, 5, 8, wire.Trailer(generation=3))
+GOOD = board_side.quadlet_response(1, 5, 8, board_side.Trailer(generation=3))
 
 
 def _judged(data: bytes, reply: bytes, name: str = "rev-8", to: int = GROUP) -> str:
@@ -299,10 +301,10 @@ def _judged(data: bytes, reply: bytes, name: str = "rev-8", to: int = GROUP) -> 
 
 def test_replies_that_may_be_pass_the_judge() -> None:
     assert _judged(READ, GOOD) == ""
-    assert _judged(BLOCK, board_side.block_response(1, 5, bytes(128), wire.Trailer(generation=3))) == ""
-    assert _judged(wire.quadlet_read(1, 0, 5, 2), board_side.encode_trailer(wire.Trailer(wire.DROPPED, 3))) == ""
+    assert _judged(BLOCK, board_side.block_response(1, 5, bytes(128), board_side.Trailer(generation=3))) == ""
+    assert _judged(wire.quadlet_read(1, 0, 5, 2), board_side.encode_trailer(board_side.Trailer(wire.DROPPED, 3))) == ""
     query = wire.quadlet_write(wire.BROADCAST, reg.QUERY, 1 << 16 | 0xC2, 5, 3, wire.NO_FORWARD)
-    blocks_of_three = board_side.block_response(7, 5, bytes(4 * 100), wire.Trailer(0x10, 3))
+    blocks_of_three = board_side.block_response(7, 5, bytes(4 * 100), board_side.Trailer(0x10, 3))
     assert _judged(query, blocks_of_three, "rev-9-ethernet") == ""
 
 
@@ -310,23 +312,24 @@ def test_replies_that_may_be_pass_the_judge() -> None:
     (READ[:17], GOOD, "less than a request"),
     (wire.quadlet_write(1, 0, 0, 5, 3), GOOD, "a reply to a write"),
     (wire.quadlet_write(wire.BROADCAST, reg.QUERY, 1 << 16 | 0x2C0, 5, 3),
-     board_side.block_response(0, 5, bytes(400), wire.Trailer(generation=3)), "a reply to a write"),
+     board_side.block_response(0, 5, bytes(400), board_side.Trailer(generation=3)), "a reply to a write"),
     (READ[:2] + b"\x00" + READ[3:], GOOD, "another bus"),
     (wire.quadlet_read(1, 7, 6, 3), GOOD, "label"),
     (wire.quadlet_read(2, 7, 5, 3), GOOD, "source node"),
-    (wire.quadlet_read(3, 7, 5, 3), board_side.quadlet_response(3, 5, 8, wire.Trailer(generation=3)), "source node"),
+    (wire.quadlet_read(3, 7, 5, 3), board_side.quadlet_response(3, 5, 8, board_side.Trailer(generation=3)),
+     "source node"),
     (wire.quadlet_read(1, 7, 5, 3, wire.NO_FORWARD), GOOD, "source node"),
     (READ, GOOD + b"\0", "29 bytes"),
-    (READ, GOOD[:-8] + board_side.encode_trailer(wire.Trailer(generation=4)), "trailer"),
-    (READ, GOOD[:-8] + board_side.encode_trailer(wire.Trailer(0x10, 3)), "trailer"),
+    (READ, GOOD[:-8] + board_side.encode_trailer(board_side.Trailer(generation=4)), "trailer"),
+    (READ, GOOD[:-8] + board_side.encode_trailer(board_side.Trailer(0x10, 3)), "trailer"),
     (READ, GOOD[:8] + b"\1" + GOOD[9:], "bits that are 0"),
-    (READ, board_side.quadlet_response(1, 5, 9, wire.Trailer(generation=3)), "register 7 reads"),
-    (READ, board_side.encode_trailer(wire.Trailer(wire.DROPPED, 3)), "dropped"),
+    (READ, board_side.quadlet_response(1, 5, 9, board_side.Trailer(generation=3)), "register 7 reads"),
+    (READ, board_side.encode_trailer(board_side.Trailer(wire.DROPPED, 3)), "dropped"),
     (wire.quadlet_read(1, 7, 5, 2), GOOD, "dropped"),
-    (READ, board_side.block_response(1, 5, bytes(4), wire.Trailer(generation=3)), "tcode"),
-    (BLOCK[:18], board_side.block_response(1, 5, bytes(4), wire.Trailer(generation=3)), "nobody asked for"),
-    (BLOCK, board_side.block_response(1, 5, bytes(132), wire.Trailer(generation=3)), "132 data bytes"),
-    (wire.block_read(1, 0, 2028, 5, 3), board_side.block_response(1, 5, bytes(2028), wire.Trailer(generation=3)),
+    (READ, board_side.block_response(1, 5, bytes(4), board_side.Trailer(generation=3)), "tcode"),
+    (BLOCK[:18], board_side.block_response(1, 5, bytes(4), board_side.Trailer(generation=3)), "unrequested"),
+    (BLOCK, board_side.block_response(1, 5, bytes(132), board_side.Trailer(generation=3)), "132 data bytes"),
+    (wire.block_read(1, 0, 2028, 5, 3), board_side.block_response(1, 5, bytes(2028), board_side.Trailer(generation=3)),
      "2028"),
 ])
 def test_forbidden_replies_are_told(data: bytes, reply: bytes, why: str) -> None:
@@ -334,13 +337,13 @@ def test_forbidden_replies_are_told(data: bytes, reply: bytes, why: str) -> None
 
 
 def test_unsolicited_responses_answer_queries_of_the_hub_only() -> None:
-    reply = board_side.block_response(7, 5, bytes(4 * 100), wire.Trailer(0x10, 3))
+    reply = board_side.block_response(7, 5, bytes(4 * 100), board_side.Trailer(0x10, 3))
     for mask, flags in ((0x42, wire.NO_FORWARD), (0x82, wire.NO_FORWARD)):
         query = wire.quadlet_write(wire.BROADCAST, reg.QUERY, 1 << 16 | mask, 5, 3, flags)
         assert _judged(query, reply, "rev-9-ethernet")
     other = wire.quadlet_write(wire.BROADCAST, reg.DIGITAL_OUTPUT, 1 << 16 | 0xC2, 5, 3, wire.NO_FORWARD)
     assert "a reply to a write" in _judged(other, reply, "rev-9-ethernet")
     late = wire.quadlet_read(wire.BROADCAST, reg.FIRMWARE, 5, 3, wire.NO_FORWARD)
-    firmware_9 = board_side.quadlet_response(7, 5, 9, wire.Trailer(0x10, 3))
+    firmware_9 = board_side.quadlet_response(7, 5, 9, board_side.Trailer(0x10, 3))
     assert _judged(late, firmware_9, "rev-9-ethernet", 7) == ""
     assert "source node" in _judged(late, firmware_9, "rev-9-ethernet", 6)

@@ -7,6 +7,7 @@ import dataclasses
 import pytest
 
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
+from tests.fpga import board_side
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.boards.instruments import EmulatedInstruments
@@ -72,10 +73,11 @@ def _read(world: Emulation, at: int) -> bytes | None:
     """256 bytes of the instrument's memory from 0x80 on, as a host reads them; None: there is none."""
     now = START + at * MS
     write(world, 0, NODE, reg.DALLAS, 0x80 << 16 | 2, now)
-    status = wire.decode_response(world.answer(0, wire.quadlet_read(NODE, reg.DALLAS, 1, 1), now + 900 * MS) or b"")
-    data = wire.decode_response(
+    status = board_side.decode_response(
+        world.answer(0, wire.quadlet_read(NODE, reg.DALLAS, 1, 1), now + 900 * MS) or b"")
+    data = board_side.decode_response(
         world.answer(0, wire.block_read(NODE, reg.DALLAS_MEMORY, 256, 1, 1), now + 901 * MS) or b"")
-    assert isinstance(status, wire.WireResponse) and isinstance(data, wire.WireResponse)
+    assert isinstance(status, board_side.WireResponse) and isinstance(data, board_side.WireResponse)
     assert status.value & 0x20F0 == 0
     return data.data if status.value >> 1 & 3 == 1 else None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.boards.rails import MS, START, Rails, two_buses
+from tests.fpga import board_side
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.boards.packet_faults import KINDS, NEVER, PacketFaults
 from trocar.procs.fpga import registers as reg
@@ -35,8 +36,8 @@ class AskingHost:
         """One reply, with the label of the question."""
         if len(replies) != 1:
             return False
-        response = wire.decode_response(replies[0])
-        return isinstance(response, wire.WireResponse) and response.tl == self.label
+        response = board_side.decode_response(replies[0])
+        return isinstance(response, board_side.WireResponse) and response.tl == self.label
 
 
 def test_nothing_happens_until_it_is_asked_for() -> None:
@@ -77,8 +78,8 @@ def test_a_dropped_request_is_answered_with_eight_bytes() -> None:
     host.packet_faults.strike("dropped", BOTH, count=1)
     (reply,) = host.ask()
     assert len(reply) == 8
-    dropped = wire.decode_response(reply)
-    assert isinstance(dropped, wire.Dropped)
+    dropped = board_side.decode_response(reply)
+    assert isinstance(dropped, board_side.Dropped)
     assert dropped.trailer.flags & wire.DROPPED
     assert dropped.trailer.generation == 1
 
@@ -90,11 +91,11 @@ def test_a_wrong_label_is_the_next_one() -> None:
         whole = host.ask()[0]
         host.label -= 1
         host.packet_faults.strike("mislabelled", BOTH, count=1)
-        wrong = wire.decode_response(host.ask()[0])
-        assert isinstance(wrong, wire.WireResponse)
+        wrong = board_side.decode_response(host.ask()[0])
+        assert isinstance(wrong, board_side.WireResponse)
         assert wrong.tl == (label + 1) % 64
-        assert wire.decode_response(whole) != wrong
-        assert wrong.data == wire.decode_response(whole).data  # type: ignore[union-attr]  # not a dropped one
+        assert board_side.decode_response(whole) != wrong
+        assert wrong.data == board_side.decode_response(whole).data  # type: ignore[union-attr]  # not a dropped one
 
 
 def test_a_late_reply_comes_when_it_is_due() -> None:
@@ -107,7 +108,7 @@ def test_a_late_reply_comes_when_it_is_due() -> None:
     assert host.packet_faults.due(first - 1) == []
     ((bus, reply, sender),) = host.packet_faults.due(first)
     assert (bus, sender) == (1, "host")
-    assert isinstance(wire.decode_response(reply), wire.WireResponse)
+    assert isinstance(board_side.decode_response(reply), board_side.WireResponse)
     assert host.packet_faults.next_ns == first + MS // 10
     assert [bus for bus, _, _ in host.packet_faults.due(first + 100 * MS)] == [0]
     assert (host.packet_faults.next_ns, host.packet_faults.active) == (NEVER, False)

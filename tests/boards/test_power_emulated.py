@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from tests.boards.rails import MS, START, Rails, two_buses, write
+from tests.fpga import board_side
 from trocar.procs.boards.emulation import Emulation, SensorErrors
 from trocar.procs.document.system import Controller, SystemConfig
 from trocar.procs.fpga import registers as reg
@@ -23,8 +24,8 @@ def _with(*controllers: Controller) -> SystemConfig:
 
 
 def _read(world: Emulation, node: int, address: int, now: int) -> int:
-    reply = wire.decode_response(world.answer(0, wire.quadlet_read(node, address, 1, 1), now) or b"")
-    assert isinstance(reply, wire.WireResponse)
+    reply = board_side.decode_response(world.answer(0, wire.quadlet_read(node, address, 1, 1), now) or b"")
+    assert isinstance(reply, board_side.WireResponse)
     return reply.value
 
 

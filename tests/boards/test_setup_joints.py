@@ -26,6 +26,7 @@ from tests.boards.carts import (
 )
 from tests.boards.rails import START, Rails, two_buses
 from tests.examples import examples
+from tests.fpga import board_side
 from trocar.procs.boards.controllers.interface_board import FEW_CHANGES, EmulatedInterfaceBoard
 from trocar.procs.boards.devices.outputs import EVERY_OUTPUT, MAX_CHANGES, PLAY, BoardOutputs, Changes
 from trocar.procs.boards.devices.waveform import VALID
@@ -53,7 +54,7 @@ def host(plain: SystemConfig) -> CartHost:
 # -- the multiplexer ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("firmware", "fpga"), [(7, "V2"), (8, "V2"), (9, "V3")])
+@pytest.mark.parametrize(("firmware", "fpga"), [(7, "V2"), (9, "V3")])
 def test_a_host_that_steps_through_all_channels_finds_the_joints(firmware: int, fpga: str) -> None:
     host = CartHost(system := cart(Controller(12, firmware=firmware, fpga=fpga)))
     host.reset()
@@ -70,12 +71,12 @@ def test_a_host_that_steps_through_all_channels_finds_the_joints(firmware: int, 
 
 
 def test_noise_of_the_potentiometers_averages_out() -> None:
-    host = CartHost(system := cart(noise=0.002), settle_ms=2, samples=60)
+    host = CartHost(system := cart(noise=0.002), settle_ms=2, samples=20)
     host.reset()
     host.joints.settle("PSM1", PLACES["PSM1"])
     host.sweep()
     found = np.array(host.joints_of(described(system), False)["PSM1"]) - PLACES["PSM1"]
-    assert 1e-4 < np.abs(found).max() < 5 * 0.002 * 1.4 / np.sqrt(60)
+    assert 1e-4 < np.abs(found).max() < 5 * 0.002 * 1.4 / np.sqrt(20)
 
 
 def test_the_channel_is_in_the_position_words_of_a_dqla() -> None:
@@ -116,27 +117,6 @@ def test_pulses_turn_back_by_themselves_and_count_once(host: CartHost) -> None:
     assert host.look()[0] == 1, "only rising counts"
 
 
-def test_the_counter_goes_round_and_is_cleared_at_any_channel(host: CartHost) -> None:
-    for step in range(1, 22):
-        host.set(INCREMENT, True)
-        host.wait(1)
-        assert host.look()[0] == step % CHANNELS
-    host.set(RESET, False)
-    host.wait(0.05)
-    assert host.look()[0] == 0
-
-
-def test_a_reset_that_is_held_keeps_the_counter_at_0(host: CartHost) -> None:
-    host.one_shot(RESET)
-    host.set(RESET, False)
-    host.wait(1)
-    for _ in range(3):
-        host.look()
-        host.set(INCREMENT, True)
-        host.wait(1)
-    assert host.look()[0] == 0
-
-
 def test_fast_pwm_and_long_silence_lose_no_pulse(host: CartHost) -> None:
     host.pwm(0.6)
     host.set(INCREMENT, True)
@@ -167,9 +147,9 @@ def test_the_channel_outlives_the_controller_alone(host: CartHost) -> None:
     host.wait(10)
     bus.take_away(0, False)
     host.wait(10)
-    response = wire.decode_response(host.world.answer(0, wire.quadlet_read(0, reg.DIGITAL_INPUT, 1, 3), host.now)
+    response = board_side.decode_response(host.world.answer(0, wire.quadlet_read(0, reg.DIGITAL_INPUT, 1, 3), host.now)
                                     or b"")
-    assert isinstance(response, wire.WireResponse)
+    assert isinstance(response, board_side.WireResponse)
     assert response.value >> reg.INPUT_ENCODER_A_SHIFT & 0xF == 6, "its output went high as at power-up: one more"
 
 
@@ -288,6 +268,7 @@ def slow_counter(pins: list[tuple[int, int]]) -> int:
     return count % CHANNELS
 
 
+@examples(40)
 @given(st.lists(st.tuples(st.sampled_from((0, 1, 1, 1, 1, 1)), st.integers(0, 1)), max_size=60))
 def test_the_counter_is_that_of_its_pins(pins: list[tuple[int, int]]) -> None:
     outputs = BoardOutputs()

@@ -60,11 +60,9 @@ def test_master_has_its_gripper_and_what_was_measured_on_it() -> None:
 
 
 @pytest.mark.parametrize(("system", "arm", "links", "endoscope"), [
-    ("jhu-dVRK/system-PSM1", "PSM1", 0, ""),
-    ("jhu-daVinci-Si/system-PSM1", "PSM1", 7, ""),
+    ("jhu-dVRK/system-PSM1", "PSM1", 0, ""), ("jhu-daVinci-Si/system-PSM1", "PSM1", 7, ""),
     ("jhu-daVinci/system-ECM", "ECM", 4, "Classic_HD_STRAIGHT"),
-    ("jhu-daVinci-Si/system-ECM", "ECM", 6, "Si_HD_STRAIGHT"),
-])
+    ("jhu-daVinci-Si/system-ECM", "ECM", 6, "Si_HD_STRAIGHT")])
 def test_arms_that_have_weight_bring_the_stock_links(system: str, arm: str, links: int, endoscope: str) -> None:
     found = site_arm(system, arm)
     assert (len(found.links.links) if found.links else 0, found.endoscope) == (links, endoscope)

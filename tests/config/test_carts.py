@@ -52,8 +52,7 @@ def test_arms_know_who_carries_them_and_the_other_way_round(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(("arms", "key", "says"), [
     ([on("PSM1", "PSM4")], "arms[1].base_frame.interface", "SUJ has no setup arm PSM4"),
-    ([on("PSM1", "PSM1"), on("PSM2", "PSM1")], "arms[2].base_frame.interface", "SUJ/PSM1 carries PSM1 already"),
-])
+    ([on("PSM1", "PSM1"), on("PSM2", "PSM1")], "arms[2].base_frame.interface", "SUJ/PSM1 carries PSM1 already")])
 def test_an_arm_stands_on_one_set_up_arm_that_is_there(tmp_path: Path, arms: list[dict], key: str, says: str) -> None:
     (error,) = load(tmp_path, "Fixed", arms).errors
     assert error.key == key and says in error.text
@@ -108,12 +107,9 @@ def test_weights_hold_for_all_joints_or_one_each(tmp_path: Path, weight: object,
      ["arms[1].world_origin_to_SUJ.Translation"]),
     ("Classic", 0, {"simulated_position": [1, 2]}, ["arms[0].simulated_position"]),
     ("Si", 1, {"arduino_mac": None}, ["arms[1].arduino_mac"]),
-    ("Si", 1, {"arduino_mac": "somewhere"}, ["arms[1].arduino_mac"]),
-    ("Si", 1, {"name": "PSM7"}, ["arms[1].name"]),
-    ("Si", 1, {"primary_scales": [1, 2, 3]}, ["arms[1].primary_scales"]),
-    ("Si", 3, {"name": "PSM1"}, ["arms[3].name"]),
-    ("Fixed", 2, {"measured_cp": [[1, 0], [0, 1]]}, ["arms[2].measured_cp"]),
-])
+    ("Si", 1, {"arduino_mac": "somewhere"}, ["arms[1].arduino_mac"]), ("Si", 1, {"name": "PSM7"}, ["arms[1].name"]),
+    ("Si", 1, {"primary_scales": [1, 2, 3]}, ["arms[1].primary_scales"]), ("Si", 3, {"name": "PSM1"}, ["arms[3].name"]),
+    ("Fixed", 2, {"measured_cp": [[1, 0], [0, 1]]}, ["arms[2].measured_cp"])])
 def test_mistakes_in_the_file_are_named(
         tmp_path: Path, kind: str, arm: int, changes: dict, keys: list[str]) -> None:
     file = content(kind)

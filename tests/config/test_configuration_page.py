@@ -8,14 +8,17 @@ import pytest
 
 from tests.config.conftest import SYSTEM, Home
 from tests.conftest import ROOT
-from trocar.procs.config.models.emulation_section import (
+from trocar.procs.config.models.trocar_section import (
+    ArmOptions,
     ControllerKeys,
     EmulatedBusKeys,
     EmulationOptions,
+    IoOptions,
     ModelVariationKeys,
+    ProcessKeys,
     QuirkKeys,
+    TrocarSection,
 )
-from trocar.procs.config.models.trocar_section import ArmOptions, IoOptions, ProcessKeys, TrocarSection
 from trocar.procs.config.read.yamltext import parse_yaml
 from trocar.procs.document.keys import keys_in
 from trocar.procs.document.system import ArmConfig, IoConfig

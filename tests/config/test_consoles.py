@@ -57,16 +57,10 @@ def test_defaults_are_those_of_the_original() -> None:
             assert found == (pytest.approx(wanted) if isinstance(wanted, float) else wanted), name
 
 
-@pytest.mark.parametrize(
-    ("keys", "key"),
-    [
-        ({"scale": 0.0}, "scale"), ({"scale": 1.0001}, "scale"),
-        ({"jaw_rate": -1.0}, "jaw_rate"),
-        ({"start_roll_threshold": -0.1}, "start_roll_threshold"),
-        ({"MTM_is_haptic": False}, "align_MTM"),
-        ({"gripper_scaling": {"zero": 0.5, "max": 0.5}}, "gripper_scaling.max"),
-    ],
-)
+@pytest.mark.parametrize(("keys", "key"), [
+    ({"scale": 0.0}, "scale"), ({"scale": 1.0001}, "scale"), ({"jaw_rate": -1.0}, "jaw_rate"),
+    ({"start_roll_threshold": -0.1}, "start_roll_threshold"), ({"MTM_is_haptic": False}, "align_MTM"),
+    ({"gripper_scaling": {"zero": 0.5, "max": 0.5}}, "gripper_scaling.max")])
 def test_wrong_parameter_stops_the_start(home: Home, keys: dict[str, object], key: str) -> None:
     loaded = home.load_made({"arms": ARMS, "consoles": [console(**psm(**keys))]})
     assert [error.key for error in loaded.errors] == [f"consoles[0].teleop_PSMs[0].configure_parameter.{key}"]
@@ -136,8 +130,7 @@ def test_goovis_comes_from_its_file() -> None:
     ('{"id_vendor": "880a", "id_product": "3501"}', "index_data"),
     ('{"id_vendor": "88zz", "id_product": "3501", "index_data": 17}', "id_vendor"),
     ('{"id_vendor": "880a", "id_product": 3501, "index_data": 17}', "id_product"),
-    ('{"id_vendor": "880a", "id_product": "3501", "index_data": 64}', "index_data"),
-])
+    ('{"id_vendor": "880a", "id_product": "3501", "index_data": 64}', "index_data")])
 def test_a_head_sensor_s_file_with_a_mistake_is_told(home: Home, text: str, key: str) -> None:
     (home.path / "head.json").write_text(text)
     pedals = {"IO": "IO1", "IO_file": "io/PSM1-demo.yaml"}
@@ -180,8 +173,7 @@ CART = {"name": "SUJ", "type": "SUJ_Classic", "simulation": "KINEMATIC", "arm_fi
 
 @pytest.mark.parametrize(("frame", "key"), [
     ({"component": "SUJ", "interface": "PSM1"}, ""), ({"component": "ECM", "interface": "Arm"}, ""),
-    ({"component": "SUJ", "interface": "PSM7"}, "interface"), ({"component": "SUV", "interface": "PSM1"}, "component"),
-])
+    ({"component": "SUJ", "interface": "PSM7"}, "interface"), ({"component": "SUV", "interface": "PSM1"}, "component")])
 def test_a_slave_s_base_frame_is_an_arm_s_or_a_set_up_arm_s(home: Home, frame: dict[str, str], key: str) -> None:
     teleop = {"MTM": "MTMR", "PSM": "PSM1", "PSM_base_frame": frame}
     loaded = home.load_made({"arms": [*ARMS, CART], "consoles": [console(teleop_PSMs=[teleop])]})

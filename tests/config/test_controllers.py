@@ -11,7 +11,7 @@ import pytest
 
 from tests.config.conftest import SYSTEM, Home, Section
 from trocar.procs.config import load_system
-from trocar.procs.config.models.emulation_section import QuirkKeys
+from trocar.procs.config.models.trocar_section import QuirkKeys
 from trocar.procs.document import system as document
 
 
@@ -115,20 +115,6 @@ def test_io_drives_all_robots_of_its_files_and_controls_those_of_arms(data: Call
     assert real is not None and real.emulated() is real
 
 
-@pytest.mark.parametrize(("name", "generation", "links"), [("PSM1", "Si", 3), ("ECM", "Si", 4)])
-def test_si_arms_are_driven_and_emulated(
-    name: str, generation: str, links: int, data: Callable[[str], Path]
-) -> None:
-    path = data(f"dvrk-site/jhu-daVinci-Si/system-{name}.json")
-    system = load_system(path, search=[data("dvrk-share")], boards="emulated").system
-    assert system is not None and [row.name for row in system.processes] == ["boards", "IO1", name, "system"]
-    assert [pid.arm for pid in system.ios[0].pids] == [name]
-    (arm,) = system.arms
-    assert system.emulated() is system
-    assert (arm.name, arm.generation, len(arm.chain.links), arm.robot) == (name, generation, links, name)
-    assert document.from_json(document.to_json(system)) == system
-
-
 def test_without_a_section_boards_are_those_of_the_files(home: Home) -> None:
     bus = _bus(home, {})
     assert bus.controllers == (document.Controller(6), document.Controller(7))
@@ -168,16 +154,12 @@ def test_ethernet_brings_what_it_needs(home: Home) -> None:
     assert _bus(home, {"network": "ethernet", "buses": {"IO1": {"network": "bridge"}}}).network == "bridge"
 
 
-@pytest.mark.parametrize(
-    ("section", "port"),
-    [
-        ({"buses": {"IO1": {"address": "127.3.4.5"}}}, "udp:127.3.4.5"),
-        ({"firmware": 9, "buses": {"IO1": {"address": "127.3.4.5"}}}, "udp:127.3.4.5"),
-        ({"firmware": 9, "fpga": "V3", "buses": {"IO1": {"address": "127.3.4.5"}}}, "udpfw:127.3.4.5"),
-        ({"network": "ethernet", "buses": {"IO1": {"address": "127.3.4.5"}}}, "udp:127.3.4.5"),
-        ({"buses": {"IO1": {"address": "0.0.0.0"}}}, "udp:127.0.0.1"),
-    ],
-)
+@pytest.mark.parametrize(("section", "port"), [
+    ({"buses": {"IO1": {"address": "127.3.4.5"}}}, "udp:127.3.4.5"),
+    ({"firmware": 9, "buses": {"IO1": {"address": "127.3.4.5"}}}, "udp:127.3.4.5"),
+    ({"firmware": 9, "fpga": "V3", "buses": {"IO1": {"address": "127.3.4.5"}}}, "udpfw:127.3.4.5"),
+    ({"network": "ethernet", "buses": {"IO1": {"address": "127.3.4.5"}}}, "udp:127.3.4.5"),
+    ({"buses": {"IO1": {"address": "0.0.0.0"}}}, "udp:127.0.0.1")])
 def test_io_is_led_to_the_emulated_bus(home: Home, section: Section, port: str) -> None:
     system = _system(home, section)
     assert system.ios[0].port == port

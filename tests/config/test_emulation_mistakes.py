@@ -8,109 +8,57 @@ from tests.config.conftest import SYSTEM, Home, Section
 
 BUS = "trocar.emulation.buses.IO1"
 MISTAKES: list[tuple[Section, str, str, str, str]] = [  # section, hardware, key, text, allowed
-    ({"firmware": 6}, "QLA1", "trocar.emulation.firmware", "no such value", "one of 7, 8, 9"),
     ({"firmware": "8"}, "QLA1", "trocar.emulation.firmware", "wrong type", "one of 7, 8, 9"),
-    ({"fpga": "V1"}, "QLA1", "trocar.emulation.fpga", "unknown word", '"V2", "V3"'),
-    ({"qla": "1.3"}, "QLA1", "trocar.emulation.qla", "unknown word", '"1.4", "1.5"'),
-    ({"quirks": {"direction_lag": 1}}, "QLA1", "trocar.emulation.quirks.direction_lag", "wrong type", "true or false"),
     ({"quirks": {"direction": True}}, "QLA1", "trocar.emulation.quirks.direction", "direction_lag", "sticky_overflow"),
-    ({"network": "wifi"}, "QLA1", "trocar.emulation.network", "unknown word", '"bridge", "ethernet"'),
     ({"hardware": "QLA1"}, "QLA1", "trocar.emulation.hardware", "unknown key", "firmware"),
-    ({"serial": "1234-56"}, "QLA1", "trocar.emulation.serial", "unknown key", "firmware"),
-    ({"testboard": 1}, "QLA1", "trocar.emulation.testboard", "wrong type", "true or false"),
     # what was never made
     ({"firmware": 7, "fpga": "V3"}, "QLA1", "trocar.emulation.fpga", "no firmware 7 for a QLA1 on FPGA V3", "V2"),
     ({"firmware": 7}, "dRA1", "trocar.emulation.firmware", "no firmware 7 for a dRA1", "8 or 9"),
     ({"firmware": 7}, "DQLA", "trocar.emulation.firmware", "no firmware 7 for a DQLA", "8 or 9"),
     ({"fpga": "V2"}, "dRA1", "trocar.emulation.fpga", "no firmware 8 for a dRA1 on FPGA V2", "V3"),
-    ({"fpga": "V2", "firmware": 9}, "DQLA", "trocar.emulation.fpga", "on FPGA V2", "V3"),
     ({"qla": "1.5", "firmware": 7}, "QLA1", "trocar.emulation.qla", "does not support QLA 1.5", "firmware 8 or 9"),
     ({"testboard": True}, "dRA1", "trocar.emulation.testboard", "not a dRA1 (board 6, 7 of IO1)", "false"),
     # without FireWire
-    ({"network": "ethernet", "firmware": 8}, "QLA1", "trocar.emulation.firmware", "needs FireWire", "9, or network"),
+    ({"network": "ethernet", "firmware": 8}, "QLA1", "trocar.emulation.firmware", "needs FireWire",
+     "9 or later, or network"),
     ({"network": "ethernet", "fpga": "V2"}, "QLA1", "trocar.emulation.fpga", "needs FireWire with FPGA V2", "V3"),
-    (
-        {"network": "ethernet", "buses": {"IO1": {"controllers": {"7": {"firmware": 7}}}}},
-        "QLA1",
-        f"{BUS}.controllers.7.firmware",
-        "board 7 of IO1 needs FireWire",
-        "9",
-    ),
+    ({"network": "ethernet", "buses": {"IO1": {"controllers": {"7": {"firmware": 7}}}}}, "QLA1",
+     f"{BUS}.controllers.7.firmware", "board 7 of IO1 needs FireWire", "9"),
     # buses and boards
     ({"buses": {"IO2": {}}}, "QLA1", "trocar.emulation.buses.IO2", "no IO of this name", "one of IO1"),
     ({"buses": {"IO1": {"controllers": {"16": {}}}}}, "QLA1", f"{BUS}.controllers.16", "no board", "0 to 15"),
     ({"buses": {"IO1": {"controllers": {"07": {}}}}}, "QLA1", f"{BUS}.controllers.07", "no board", "0 to 15"),
     ({"buses": {"IO1": {"controllers": {"7": {"fw": 8}}}}}, "QLA1", f"{BUS}.controllers.7.fw", "unknown", "firmware"),
     ({"buses": {"IO1": {"hub": 3}}}, "QLA1", f"{BUS}.hub", "no such board", "one of 6, 7"),
-    (
-        {"buses": {"IO1": {"controllers": {"7": {"hardware": "DQLA"}}}}},
-        "QLA1",
-        f"{BUS}.controllers.7.hardware",
-        "board 7 of IO1 is a QLA1 in its IO file",
-        "QLA1",
-    ),
-    (
-        {"buses": {"IO1": {"controllers": {"6": {"qla": "1.5"}}}}},
-        "dRA1",
-        f"{BUS}.controllers.6.qla",
-        "it has no QLA",
-        "nothing",
-    ),
-    (
-        {"buses": {"IO1": {"controllers": {"6": {"serial": "123456"}}}}},
-        "QLA1",
-        f"{BUS}.controllers.6.serial",
-        "not allowed",
-        "dddd-dd",
-    ),
-    (
-        {"buses": {"IO1": {"controllers": {str(board): {} for board in range(16)}}}},
-        "QLA1",
-        f"{BUS}.controllers",
-        "the 16 boards of IO1 have 529 quadlets in hub memory",
-        "up to 506: 15 QLA1",
-    ),
+    ({"buses": {"IO1": {"controllers": {"7": {"hardware": "DQLA"}}}}}, "QLA1", f"{BUS}.controllers.7.hardware",
+     "board 7 of IO1 is a QLA1 in its IO file", "QLA1"),
+    ({"buses": {"IO1": {"controllers": {"6": {"qla": "1.5"}}}}}, "dRA1", f"{BUS}.controllers.6.qla",
+     "it has no QLA", "nothing"),
+    ({"buses": {"IO1": {"controllers": {"6": {"serial": "123456"}}}}}, "QLA1", f"{BUS}.controllers.6.serial",
+     "not allowed", "dddd-dd"),
+    ({"buses": {"IO1": {"controllers": {str(board): {} for board in range(16)}}}}, "QLA1", f"{BUS}.controllers",
+     "the 16 boards of IO1 have 529 quadlets in hub memory", "up to 506: 15 QLA1"),
     # addresses
     ({"buses": {"IO1": {"address": "eth:veth1"}}}, "QLA1", "IOs[0].port", "on raw Ethernet", "eth:INTERFACE"),
     ({"buses": {"IO1": {"address": "eth:"}}}, "QLA1", f"{BUS}.address", "not an address", "eth:INTERFACE"),
     ({"buses": {"IO1": {"address": "10.0.0.1"}}}, "QLA1", f"{BUS}.address", "not an address", "127.x.y.z"),
-    ({"buses": {"IO1": {"address": "127.1.2"}}}, "QLA1", f"{BUS}.address", "not an address", "0.0.0.0"),
     ({"buses": {"IO1": {"address": "127.1.2.255"}}}, "QLA1", f"{BUS}.address", "not an address", "1 to 254"),
-    ({"buses": {"IO1": {"address": "127.1.2.300"}}}, "QLA1", f"{BUS}.address", "not an address", "1 to 254"),
-    (
-        {"firmware": 9, "buses": {"IO1": {"address": "127.1.2.250"}}},
-        "QLA1",
-        f"{BUS}.address",
-        "board 7 of IO1 has this address plus 7",
-        "up to 127.1.2.247",
-    ),
+    ({"firmware": 9, "buses": {"IO1": {"address": "127.1.2.250"}}}, "QLA1", f"{BUS}.address",
+     "board 7 of IO1 has this address plus 7", "up to 127.1.2.247"),
     # robots
     ({"robots": {"PSM2": {}}}, "QLA1", "trocar.emulation.robots.PSM2", "no robot of this name", "one of PSM1"),
-    ({"robots": {"PSM1": {"mass": -1}}}, "QLA1", "trocar.emulation.robots.PSM1.mass", "out of range", "from 0.0 up to"),
-    ({"robots": {"PSM1": {"friction": True}}}, "QLA1", "trocar.emulation.robots.PSM1.friction", "type", "a number"),
     ({"robots": {"PSM1": {"payload": 6}}}, "QLA1", "trocar.emulation.robots.PSM1.payload", "out of", "up to 5.0 (kg"),
-    (
-        {"robots": {"PSM1": {"backlash": [0.01]}}},
-        "QLA1",
-        "trocar.emulation.robots.PSM1.backlash",
-        "1 values",
-        "7, one an actuator",
-    ),
-    (
-        {"robots": {"PSM1": {"pot_offset": [0, 0, 0, 0, 0, 0, 11]}}},
-        "QLA1",
-        "trocar.emulation.robots.PSM1.pot_offset[6]",
-        "out of range",
-        "up to 10.0",
-    ),
+    ({"robots": {"PSM1": {"backlash": [0.01]}}}, "QLA1", "trocar.emulation.robots.PSM1.backlash", "1 values",
+     "7, one an actuator"),
+    ({"robots": {"PSM1": {"pot_offset": [0, 0, 0, 0, 0, 0, 11]}}}, "QLA1",
+     "trocar.emulation.robots.PSM1.pot_offset[6]", "out of range", "up to 10.0"),
     ({"instruments": {"PSM9": ":1"}}, "QLA1", "trocar.emulation.instruments.PSM9", "no arm of this name", "PSM1"),
 ]
 
 
 @pytest.mark.parametrize(("section", "hardware", "key", "text", "allowed"), MISTAKES)
 def test_mistake_is_named_with_its_place(
-    home: Home, section: Section, hardware: str, key: str, text: str, allowed: str
-) -> None:
+        home: Home, section: Section, hardware: str, key: str, text: str, allowed: str) -> None:
     errors = home.emulate(section, hardware).errors
     assert {problem.key for problem in errors} == {key}
     problem = errors[0]
@@ -164,40 +112,18 @@ def test_which_of_two_robots_differs_from_its_files_must_be_said(home: Home) -> 
     assert home.load().errors == ()
 
 
-@pytest.mark.parametrize(
-    ("buses", "key", "text"),
-    [
-        ({"a": {}}, "trocar.emulation.buses.a.controllers", "needs controllers"),
-        ({"a b": {"controllers": {"0": {}}}}, "trocar.emulation.buses.a b", "not a name"),
-        (
-            {"a": {"address": "0.0.0.0", "controllers": {"0": {}}}, "b": {"controllers": {"0": {}}}},
-            "trocar.emulation.buses.a.address",
-            "leaves no address",
-        ),
-        (
-            {
-                "a": {"address": "127.1.1.10", "firmware": 9, "controllers": {"0": {}, "4": {}}},
-                "b": {"address": "127.1.1.14", "controllers": {"0": {}}},
-            },
-            "trocar.emulation.buses.b.address",
-            "127.1.1.14 belongs to a",
-        ),
-        (
-            {
-                "a": {"address": "127.1.1.32", "network": "ethernet", "controllers": {"0": {}}},
-                "b": {"address": "127.1.1.47", "controllers": {"0": {}}},
-            },
-            "trocar.emulation.buses.b.address",
-            "127.1.1.47 belongs to a",
-        ),
-        ({str(n): {"controllers": {"0": {}}} for n in range(16)}, "trocar.emulation.buses", "16 buses"),
-        (
-            {name: {"address": "eth:veth1", "controllers": {"0": {}}} for name in "ab"},
-            "trocar.emulation.buses.b.address",
-            "eth:veth1 belongs to a",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("buses", "key", "text"), [
+    ({"a": {}}, "trocar.emulation.buses.a.controllers", "needs controllers"),
+    ({"a b": {"controllers": {"0": {}}}}, "trocar.emulation.buses.a b", "not a name"),
+    ({"a": {"address": "0.0.0.0", "controllers": {"0": {}}}, "b": {"controllers": {"0": {}}}},
+     "trocar.emulation.buses.a.address", "leaves no address"),
+    ({ "a": {"address": "127.1.1.10", "firmware": 9, "controllers": {"0": {}, "4": {}}}, "b": {"address": "127.1.1.14",
+     "controllers": {"0": {}}}, }, "trocar.emulation.buses.b.address", "127.1.1.14 belongs to a"),
+    ({ "a": {"address": "127.1.1.32", "network": "ethernet", "controllers": {"0": {}}}, "b": {"address": "127.1.1.47",
+     "controllers": {"0": {}}}, }, "trocar.emulation.buses.b.address", "127.1.1.47 belongs to a"),
+    ({str(n): {"controllers": {"0": {}}} for n in range(16)}, "trocar.emulation.buses", "16 buses"),
+    ({name: {"address": "eth:veth1", "controllers": {"0": {}}} for name in "ab"}, "trocar.emulation.buses.b.address",
+     "eth:veth1 belongs to a")])
 def test_buses_must_not_disturb_each_other(home: Home, buses: Section, key: str, text: str) -> None:
     loaded = home.load_made({"trocar": {"boards": "emulated", "emulation": {"buses": buses}}})
     assert [problem.key for problem in loaded.errors] == [key] and text in loaded.errors[0].text

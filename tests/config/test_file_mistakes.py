@@ -18,14 +18,10 @@ TOOL = "tool/LARGE_NEEDLE_DRIVER_400006.yaml"
 INDEX = "tool/index.yaml"
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "what"),
-    [
-        ('{"$id": "dvrk-system.schema.json",\n "$version" "1"}', 2, "a colon must follow"),
-        ('{\n "$id": "dvrk-system.schema.json"\n "$version": "1"\n}', 3, "a comma or }"),
-        ("[1, 2]", 1, "must be an object"),
-    ],
-)
+@pytest.mark.parametrize(("text", "line", "what"), [
+    ('{"$id": "dvrk-system.schema.json",\n "$version" "1"}', 2, "a colon must follow"),
+    ('{\n "$id": "dvrk-system.schema.json"\n "$version": "1"\n}', 3, "a comma or }"),
+    ("[1, 2]", 1, "must be an object")])
 def test_broken_json_is_one_clear_error(home: Home, text: str, line: int, what: str) -> None:
     (home.path / "broken.json").write_text(text)
     loaded = home.load("broken.json")

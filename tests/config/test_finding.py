@@ -13,14 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from trocar.procs.config.loading.chains import check_gravity
 from trocar.procs.config.loading.context import Context
-from trocar.procs.config.models.gravity_file import LENGTHS, load_master_gravity
+from trocar.procs.config.models.kinematic_file import GravityFile
 from trocar.procs.config.models.system_file import SystemFile
-from trocar.procs.config.read.matrices import check_invertible, check_rigid, check_size
 from trocar.procs.config.read.problem import WARNING, FileProblem, key_text, value_text
+from trocar.procs.config.read.quantities import check_invertible, check_rigid, check_size
 from trocar.procs.config.read.search import expanded, search_path
 from trocar.procs.config.read.source import SourceFile, read_bytes, read_source
 from trocar.procs.config.read.validate import validate
+from trocar.procs.document.arms import GRAVITY_PARAMETERS, MASTER_JOINTS, MasterGravityParameters
+from trocar.procs.document.keys import keys_in
 
 
 @pytest.fixture
@@ -165,7 +168,12 @@ def test_matrices_are_what_they_should_be_to_the_edge() -> None:
     found: Any = Findings()
     edge, beyond, mirrored = np.eye(4), np.eye(4), np.diag((1.0, 1.0, -1.0, 1.0))
     edge[0, 1], beyond[0, 1] = 1e-3, 1.001e-3
-    assert check_rigid(found, (), rows(edge)) and not check_rigid(found, (), rows(beyond))
+    shifted, huge, bent = np.eye(4), np.eye(4), np.eye(4)
+    shifted[0, 3], huge[1, 1], bent[3, 0] = 5.0, 1e300, 0.1
+    assert check_rigid(found, (), rows(edge)) and check_rigid(found, (), rows(shifted))
+    for wrong in (huge, bent):
+        assert not check_rigid(found, (), rows(wrong)) and found.said.pop()
+    assert not check_rigid(found, (), rows(beyond))
     assert not check_rigid(found, (), rows(mirrored)) and not check_rigid(found, (), rows(np.eye(3)))
     assert check_invertible(found, (), rows(np.diag((1e-6, 1.0))), 2)
     assert check_invertible(found, (), rows(np.diag((-1e-6, 1.0))), 2)
@@ -186,14 +194,15 @@ def test_matrices_are_what_they_should_be_to_the_edge() -> None:
 
 def gravity(tmp_path: Path, **changes: Any) -> tuple[Any, list[str]]:
     """The parameters of a file with these changes, and what is wrong with it."""
-    keys: dict[str, Any] = {name: [0.1] * count for name, count in LENGTHS.items()}
-    keys |= {"safe_upper_torque_limit": [0.2] * LENGTHS["safe_upper_torque_limit"],
-             "sat_vec_vec": [0.2] * LENGTHS["sat_vec_vec"]}
+    lengths = {key.name: key.length or 0 for _, _, key in keys_in(MasterGravityParameters)}
+    keys: dict[str, Any] = {name: [0.1] * count for name, count in lengths.items()}
+    keys |= {"safe_upper_torque_limit": [0.2] * MASTER_JOINTS, "sat_vec_vec": [0.2] * MASTER_JOINTS}
     for name, value in changes.items():
         keys[name] = [*keys[name][:2], value, *keys[name][3:]] if isinstance(value, float) else value
     (tmp_path / "gc.json").write_text(json.dumps({"version": "2.0", "GC_controller": keys}))
     context = Context(search_path((tmp_path,)))
-    found = load_master_gravity(context, tmp_path / "gc.json")
+    opened = context.open(GravityFile, tmp_path / "gc.json")
+    found = check_gravity(opened) if opened is not None else None
     return found, [f"{problem.key}: {problem.text}; {problem.allowed}" for problem in context.problems]
 
 
@@ -210,7 +219,7 @@ def test_gravity_files_have_their_numbers_in_order(tmp_path: Path, changes: dict
     assert (found is not None) == (said == "") and len(problems) == bool(said)
     assert all(problem.startswith(f"GC_controller.{said}") for problem in problems), problems
     if found is not None:
-        assert len(found.positive) == LENGTHS["gc_dynamic_params_pos"] and found.friction == (0.1,) * 7
+        assert len(found.positive) == GRAVITY_PARAMETERS and found.friction == (0.1,) * 7
         assert found.upper == (0.2,) * 7 and found.saturation == (0.2,) * 7 and found.lower[0] == 0.1
 
 

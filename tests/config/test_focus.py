@@ -39,13 +39,11 @@ def test_without_pedals_commands_move_it(home: Home) -> None:
     assert "lens: no pedals focus_plus and focus_minus, only commands move the lens" in system.notes
 
 
-@pytest.mark.parametrize(
-    ("outputs", "name", "key", "says"),
-    [(("endoscope_focus_in",), "lens", "IO_file", "has no digital output endoscope_focus_out"),
-     ((), "lens", "IO_file", "has no digital output endoscope_focus_in, endoscope_focus_out"),
-     (("endoscope_focus_in", "endoscope_focus_out"), "IO1", "name", "not a unique name"),
-     (("endoscope_focus_in", "endoscope_focus_out"), "my lens", "name", "not a unique name")],
-)
+@pytest.mark.parametrize(("outputs", "name", "key", "says"), [
+    (("endoscope_focus_in",), "lens", "IO_file", "has no digital output endoscope_focus_out"),
+    ((), "lens", "IO_file", "has no digital output endoscope_focus_in, endoscope_focus_out"),
+    (("endoscope_focus_in", "endoscope_focus_out"), "IO1", "name", "not a unique name"),
+    (("endoscope_focus_in", "endoscope_focus_out"), "my lens", "name", "not a unique name")])
 def test_mistakes_stop_the_start(home: Home, outputs: tuple[str, ...], name: str, key: str, says: str) -> None:
     (error,) = load(home, *outputs, name=name).errors
     assert error.key == f"ISI_focus_controller.{key}" and says in error.text

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
+from pathlib import Path
 
+import pytest
+import yaml
+
+from tests.page_blocks import blocks, system_of, system_with, typed
 from tests.system.robot import ROOT
 from trocar.procs.config import load_system
 from trocar.procs.config.loading import bridges
@@ -20,13 +24,15 @@ def test_it_is_there_where_the_file_says_so() -> None:
     assert (row.kind, row.period_s, row.priority, row.start) == ("foxglove", 0.02, 0, "always") and "PSM1" in row.after
 
 
-def test_a_package_that_is_not_installed_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bridges, "find_spec", lambda name: None)
-    loaded = load_system(FILE, sets=["foxglove.rate_hz=50"])
-    assert not loaded.errors and any("pip install foxglove-sdk" in str(problem) for problem in loaded.warnings)
-
-
 @pytest.mark.parametrize("text", ["foxglove.listen=192.0.2.1:8765", "foxglove.listen=8765", "foxglove.rate_hz=0.5",
                                   "foxglove.tls={certificate: none.pem, key: none.pem}", "foxglove.unknown=1"])
 def test_what_makes_no_sense_is_refused(text: str) -> None:
     assert load_system(FILE, sets=[text]).errors
+
+
+def test_the_blocks_of_the_page_start_a_server_with_the_values_that_it_gives(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bridges, "missing", lambda *_: "")
+    (section,), (line,) = blocks("foxglove.md", "yaml"), typed("foxglove.md")
+    (defaults,) = [yaml.safe_load(f"{{{row.partition('#')[2]}}}") for row in section.splitlines() if "#" in row]
+    assert system_with(section, tmp_path).foxglove == system_of(line).foxglove == FoxgloveServer(**defaults)

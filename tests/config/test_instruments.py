@@ -78,11 +78,9 @@ def test_all_mistakes_of_all_instruments_are_told(home: Home) -> None:
     ((row("A", "1", version_max=4), row("A", "1", version_min=4)), "instruments[1].model", "listed twice"),
     ((row("A", "1", version_min=4, version_max=3),), "instruments[0].version_max", "below version_min"),
     ((row("A:B", "1"),), "instruments[0].names[0]", "not allowed"),
-    ((row("A", "1", version_min=-1),), "instruments[0].version_min", "out of range"),
-])
+    ((row("A", "1", version_min=-1),), "instruments[0].version_min", "out of range")])
 def test_an_index_that_cannot_be_meant_is_refused(
-    home: Home, rows: tuple[dict[str, object], ...], key: str, text: str
-) -> None:
+        home: Home, rows: tuple[dict[str, object], ...], key: str, text: str) -> None:
     choosing(home, *rows)
     problem = home.error()
     assert problem.file.endswith("mine.yaml") and problem.key == key and text in problem.text

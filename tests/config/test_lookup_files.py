@@ -12,7 +12,7 @@ import pytest
 from tests.config.test_spoiled_files import DRIVE, HEAD, source_of
 from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.models.io_file import IoFile
-from trocar.procs.config.models.lookup_file import check_table, load_tables
+from trocar.procs.config.models.lookup_file import Tables, check_table, load_tables
 from trocar.procs.config.read.search import search_path
 from trocar.procs.config.read.validate import validate
 from trocar.procs.fpga import lookup
@@ -28,7 +28,7 @@ def robot(name: str, kind: str = "DIGITAL", file: str = "", count: int = 1, **ch
             "potentiometers": {"potentiometers_type": kind, "lookup_table_file": file}, **changes}
 
 
-def loaded(folder: Path, *robots: dict[str, Any]) -> tuple[dict[tuple[Path, int], str], list[str]]:
+def loaded(folder: Path, *robots: dict[str, Any]) -> tuple[Tables, list[str]]:
     """The tables of an IO file with these robots, and what is wrong."""
     source = source_of({**HEAD, "robots": list(robots)}, str(folder / "io.json"))
     content, problems = validate(IoFile, source)
@@ -36,6 +36,12 @@ def loaded(folder: Path, *robots: dict[str, Any]) -> tuple[dict[tuple[Path, int]
     context = Context(search_path((folder / "search",)))
     tables = load_tables(Opened(context, source, content))
     return tables, [f"{Path(problem.file).name} {problem.key}: {problem.text}" for problem in context.problems]
+
+
+def check(context: Context, path: Path) -> None:
+    found = context.read(path)
+    if found is not None:
+        check_table(found)
 
 
 def table(folder: Path, name: str, rows: Any, serial: str) -> str:
@@ -53,8 +59,8 @@ def test_each_robot_gets_its_own_table_whatever_the_ones_before_lack(tmp_path: P
         tmp_path, robot("A", "ANALOG"), robot("B", "NONE", "x.json"), robot("C"), robot("D", file="nowhere-D.json"),
         robot("E", file=beside, count=2), robot("F", file="table-F.json", path=[str(tmp_path / "sub")]),
         robot("G", file="table-G.json"), {**robot("H"), "potentiometers": None})
-    assert sorted(place for _, place in tables) == [4, 5, 6] and {path.name for path, _ in tables} == {"io.json"}
-    both = lookup.unpack(tables[tmp_path / "io.json", 4], 2)
+    assert sorted(key[1] for _, key in tables) == [4, 5, 6] and {path.name for path, _ in tables} == {"io.json"}
+    both = lookup.unpack(tables[tmp_path / "io.json", ("robots", 4)], 2)
     assert both == pytest.approx(np.array((ROW, ROW)))
     assert said[0] == f"io.json robots[2].{KEY}: this key is required for DIGITAL potentiometers"
     assert said[1].startswith(f"io.json robots[3].{KEY}: no file nowhere-D.json") and len(said) == 2
@@ -88,10 +94,10 @@ def test_a_table_is_a_row_of_positions_for_each_actuator(tmp_path: Path, name: s
 def test_a_table_by_itself_has_its_serial_number_in_its_name(tmp_path: Path, serial: Any, said: str) -> None:
     table(tmp_path, "table-P.json", [ROW], serial)
     context = Context(search_path((tmp_path,)))
-    check_table(context, tmp_path / "table-P.json")
+    check(context, tmp_path / "table-P.json")
     assert [said in problem.text for problem in context.problems] == [True] * bool(said)
-    check_table(context, tmp_path / "nothing.json")
+    check(context, tmp_path / "nothing.json")
     assert len(context.problems) == bool(said) + 1
-    table(tmp_path, "table-P.json", 7, "P")
-    check_table(context, tmp_path / "table-P.json")
+    table(tmp_path, "other-P.json", 7, "P")
+    check(context, tmp_path / "other-P.json")
     assert context.problems[-1].text == "must be a list of rows"

@@ -10,10 +10,9 @@ import pytest
 
 from tests import stock
 from trocar.procs.config import PROJECT_CONFIGS, check_file, load_system
-from trocar.procs.config.loading import convert
 from trocar.procs.config.loading.chains import load_chain, load_tool
 from trocar.procs.config.loading.context import Context
-from trocar.procs.config.models.pid_file import PidFile
+from trocar.procs.config.models.io_file import PidFile
 from trocar.procs.config.read.search import search_path
 from trocar.procs.document import system as document
 
@@ -137,4 +136,4 @@ def _tool(path: Path) -> document.Tool:
 def _gains(path: Path) -> tuple[document.PidAxis, ...]:
     opened = _context().open(PidFile, path)
     assert opened is not None
-    return convert.pid(opened.content, "", "", "").axes
+    return opened.content.pid

@@ -80,12 +80,6 @@ def test_site_numbers_arrive_unchanged() -> None:
     assert arm.chain.convention == "modified" and arm.use_setpoint_v
 
 
-def test_document_survives_json() -> None:
-    system = load_system(site(), search=[stock.find("dvrk-share")], boards="emulated").system
-    assert system is not None
-    assert document.from_json(document.to_json(system)) == system
-
-
 def test_site_system_needs_only_our_own_files() -> None:
     system = load_system(site(), boards="emulated").system
     assert system is not None
@@ -141,37 +135,6 @@ def test_missing_share_files_are_named(tmp_path: Path) -> None:
     assert "kinematic/MTML.json" in files["kinematic"]
 
 
-def test_our_own_kinematics_and_tool_equal_the_stock_ones() -> None:
-    share = load_system(_demo(), search=[]).system
-    assert share is not None
-    chain, tool = share.arms[0].chain, share.arms[0].tool
-    assert tool is not None
-    assert chain.links == stock.chain("PSM").links
-    other = stock.tool("LARGE_NEEDLE_DRIVER_400006")
-    for name in ("links", "jaw", "tip", "actuator_to_joint", "engage_lower", "engage_upper"):
-        assert getattr(tool, name) == getattr(other, name), name
-
-
-def _demo() -> Path:
-    return stock.ROOT / "configs/systems/demo.yaml"
-
-
-@pytest.mark.parametrize("name", ["PSM", "ECM", "MTM", "PSM-Si", "ECM-Si"])
-def test_stock_gains_are_read_for_all_axes(name: str) -> None:
-    result = check_file(stock.find(f"dvrk-share/pid/sawControllersPID-{name}.json"))
-    assert (result.kind, result.problems) == ("pid", ())
-
-
-def test_si_arms_bring_the_links_that_weigh_along() -> None:
-    for name, links in (("PSM1", 7), ("ECM", 6)):
-        path = stock.find(f"dvrk-site/jhu-daVinci-Si/system-{name}.json")
-        system = load_system(path, search=[stock.find("dvrk-share")], boards="emulated").system
-        assert system is not None
-        (arm,) = system.emulated().arms
-        assert arm.links is not None and len(arm.links.links) == links
-        assert sum(link.mass for link in arm.links.links) > 1.0
-
-
 SI_IO = "dvrk-site/jhu-daVinci-Si/sawRobotIO1394-PSM1-292409"
 
 
@@ -189,22 +152,6 @@ def _with_table(folder: Path, change: Callable[[dict[str, Any]], None], name: st
 
 def test_a_table_of_digital_potentiometers_is_beside_its_io_file(tmp_path: Path) -> None:
     assert _with_table(tmp_path, lambda table: None) == []
-
-
-def test_a_table_of_another_arm_is_refused(tmp_path: Path) -> None:
-    (problem,) = _with_table(tmp_path, lambda table: table.update(serial="334809"))
-    assert problem.key == "serial" and problem.allowed == "292409" and "PSM1" in problem.text
-    (problem,) = _with_table(tmp_path, lambda table: None, "table.json")
-    assert problem.key == "robots[0].potentiometers.lookup_table_file" and "292409" in problem.text
-
-
-def test_rows_of_a_table_are_one_an_actuator_with_4096_numbers(tmp_path: Path) -> None:
-    (problem,) = _with_table(tmp_path, lambda table: table["lookup"].pop())
-    assert problem.key == "lookup" and problem.allowed.startswith("7")
-    (problem,) = _with_table(tmp_path, lambda table: table["lookup"][3].pop())
-    assert problem.key == "lookup" and "lookup[3]: 4095 entries" in problem.text
-    (problem,) = _with_table(tmp_path, lambda table: table["lookup"].__setitem__(2, ["1"] * 4096))
-    assert problem.key == "lookup" and "lookup[2]" in problem.text
 
 
 def test_two_consoles_with_masters_of_one_name_are_emulated(tmp_path: Path) -> None:

@@ -72,18 +72,14 @@ def test_real_boards_are_not_emulated(cart: CartFiles) -> None:
     assert loaded.system is not None and loaded.system.emulation is None and loaded.warnings == ()
 
 
-@pytest.mark.parametrize(
-    ("name", "old", "new", "key", "says"),
-    [
-        (ARMS, '"plug_number": 2', '"plug_number": 5', "arms[1].plug_number", "up to 4"),
-        (ARMS, '"plug_number": 2', '"plug_number": 1', "arms[1].plug_number", "1 is also the plug of arms[0]"),
-        (ARMS, '"name": "PSM2"', '"name": "PSM1"', "arms[2].name", "PSM1 is also the name of arms[1]"),
-        (ARMS, '"type": "Motorized PSM"', '"type": "MPSM"', "arms[3].type", "Motorized PSM"),
-        (ARMS, "[ -0.098948, -2.382,", "[ -2.382,", "arms[0].primary_offsets", "6 numbers"),
-        (ARMS, '"secondary_scales": [ 0.25819', '"remarks": [ 0.25819', "arms[0].secondary_scales", "required"),
-        (SYSTEM, "suj-ECM-1-2-3.json", "suj.json", "arms[0].arm_file", "no file suj.json"),
-    ],
-)
+@pytest.mark.parametrize(("name", "old", "new", "key", "says"), [
+    (ARMS, '"plug_number": 2', '"plug_number": 5', "arms[1].plug_number", "up to 4"),
+    (ARMS, '"plug_number": 2', '"plug_number": 1', "arms[1].plug_number", "1 is also the plug of arms[0]"),
+    (ARMS, '"name": "PSM2"', '"name": "PSM1"', "arms[2].name", "PSM1 is also the name of arms[1]"),
+    (ARMS, '"type": "Motorized PSM"', '"type": "MPSM"', "arms[3].type", "Motorized PSM"),
+    (ARMS, "[ -0.098948, -2.382,", "[ -2.382,", "arms[0].primary_offsets", "6 numbers"),
+    (ARMS, '"secondary_scales": [ 0.25819', '"remarks": [ 0.25819', "arms[0].secondary_scales", "required"),
+    (SYSTEM, "suj-ECM-1-2-3.json", "suj.json", "arms[0].arm_file", "no file suj.json")])
 def test_mistakes_in_the_file_are_named(cart: CartFiles, name: str, old: str, new: str, key: str, says: str) -> None:
     cart.spoil(name, old, new)
     loaded = cart.load()

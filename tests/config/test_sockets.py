@@ -26,12 +26,9 @@ def test_without_more_it_listens_on_this_machine(home: Home) -> None:
 @pytest.mark.parametrize(("text", "words"), [
     ("{listen: 0.0.0.0:7380}", "anyone could connect to 0.0.0.0:7380"),
     ("{listen: [127.0.0.1:7380, '[::]:7381'], tls: {certificate: a, key: b}}", "anyone could connect to [::]:7381"),
-    ("{token_file: nowhere}", "no file nowhere"),
-    ("{grants: all}", "grants"),
-    ("{listen: here}", "IP address and port"),
-    ("{tls: {certificate: a}}", "key"),
-    ("{max_clients: 0}", "out of range"),
-])
+    ("{token_file: nowhere}", "no file nowhere"), ("{grants: all}", "grants"),
+    ("{listen: here}", "IP address and port"), ("{tls: {certificate: a}}", "key"),
+    ("{max_clients: 0}", "out of range")])
 def test_mistakes_are_told(home: Home, text: str, words: str) -> None:
     attach(home, text)
     assert any(words in str(error) for error in home.load().errors), home.load().errors

@@ -17,11 +17,10 @@ from trocar.procs.config.loading.arms import base_frame_of
 from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.loading.io_checks import board_ids, check_bus, check_io_file
 from trocar.procs.config.models.arm_file import EcmFile, MtmFile, PsmFile
-from trocar.procs.config.models.emulation_section import EmulationOptions
-from trocar.procs.config.models.io_file import IoFile
+from trocar.procs.config.models.io_file import IoFile, PidFile
 from trocar.procs.config.models.kinematic_file import ToolFile
-from trocar.procs.config.models.pid_file import PidFile
 from trocar.procs.config.models.system_file import SystemFile
+from trocar.procs.config.models.trocar_section import EmulationOptions
 from trocar.procs.config.read.jsontext import parse_json
 from trocar.procs.config.read.problem import ERROR, KeyPath
 from trocar.procs.config.read.search import search_path
@@ -129,8 +128,8 @@ def found(model: type[Any], data: dict[str, Any], *, calibration: bool = False) 
         context.notes.append(str(board_ids(content)))
     if isinstance(content, SystemFile):
         system = Opened(context, source, content)
-        for place, keys in enumerate(content.arms):
-            context.notes.append(f"base frame {base_frame_of(system, ('arms', place), keys)}")
+        for part in system.each("arms", content.arms):
+            context.notes.append(f"base frame {base_frame_of(part)}")
     return [*map(str, context.problems), *context.notes]
 
 
@@ -181,8 +180,7 @@ INVERSE = 1 / 5242.88
     (changed("robots.1.actuators.0.potentiometer", ONE_POT), "the potentiometer is not calibrated"),
     (changed("robots.1.actuators.0.potentiometer", {**ONE_POT, "voltage_to_position": {"offset": 0.1}}), ""),
     (changed("robots.1.actuators.0.potentiometer", {**ONE_POT, "voltage_to_position": {"scale": 0.1}}), ""),
-    (changed("digital_outputs.0.name", "clutch"), ""), (changed("robots.1.name", "PSM1"), "robot name is used twice"),
-])
+    (changed("digital_outputs.0.name", "clutch"), ""), (changed("robots.1.name", "PSM1"), "robot name is used twice")])
 def test_what_must_hold_inside_an_io_file_holds_to_its_edge(data: dict[str, Any], said: str) -> None:
     problems = [line for line in found(IoFile, data) if "error" in line or "warning" in line]
     assert [said in line for line in problems] == [True] * bool(said), problems

@@ -56,11 +56,9 @@ def test_an_installed_module_keeps_its_name(home: Home) -> None:
     ("{module: mine.py, name: Mine, over_budget: 1.5}", ".over_budget", "wrong type", "a whole number"),
     ("{module: mine.py, name: Mine, options: 3}", ".options", "wrong type", "an object"),
     ("{module: mine.py, name: Mine, options: {gain: .nan}}", ".options", "gain is no plain value", "no nan"),
-    ("{module: mine.py, name: Mine, options: {gain: [1, {a: .inf}]}}", ".options", "gain is no plain", "no inf"),
-])
+    ("{module: mine.py, name: Mine, options: {gain: [1, {a: .inf}]}}", ".options", "gain is no plain", "no inf")])
 def test_mistake_is_named_with_its_place(
-    home: Home, beside: Path, task: str, key: str, text: str, allowed: str
-) -> None:
+        home: Home, beside: Path, task: str, key: str, text: str, allowed: str) -> None:
     line = attach(home, task)
     problem = home.error()
     assert problem.key.startswith(f"trocar.io.tasks[0]{key}") and problem.line == line - 1

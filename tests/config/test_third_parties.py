@@ -84,14 +84,12 @@ def test_a_base_frame_of_a_generic_arm_goes_along(home: Home) -> None:
     assert third_party.base_frame[0][3] == 0.1
 
 
-@pytest.mark.parametrize(
-    ("given", "key", "says"),
-    [(("PSM1", "x"), "consoles[0].clutch.component", "something else that has no buttons"),
-     (("system", "x"), "consoles[0].clutch.component", "something else that has no buttons"),
-     (("MTMR_PSM1", "x"), "consoles[0].clutch.component", "something else that has no buttons"),
-     (("my pedals", "x"), "consoles[0].clutch.component", "not a name for a place"),
-     (("pedals", "x" * 25), "consoles[0].clutch.interface", "not a name for a button")],
-)
+@pytest.mark.parametrize(("given", "key", "says"), [
+    (("PSM1", "x"), "consoles[0].clutch.component", "used by a component without buttons"),
+    (("system", "x"), "consoles[0].clutch.component", "used by a component without buttons"),
+    (("MTMR_PSM1", "x"), "consoles[0].clutch.component", "used by a component without buttons"),
+    (("my pedals", "x"), "consoles[0].clutch.component", "not a name for a place"),
+    (("pedals", "x" * 25), "consoles[0].clutch.interface", "not a name for a button")])
 def test_wrong_components_stop_the_start(home: Home, given: tuple[str, str], key: str, says: str) -> None:
     row = console() | components(clutch=given, camera=("Falcon", "b"), operator_present=("Falcon", "c"))
     (error,) = home.load_made({"arms": [FALCON, PSM], "consoles": [row]}).errors
@@ -118,8 +116,7 @@ def test_a_declared_one_is_a_process_of_the_system(home: Home) -> None:
     ({"start": "always"}, "start", "it is started outside this system"),
     ({"module": "mine.py", "host": "lab"}, "host", "it is an arm, or has pedals"),
     ({"module": "mine.py", "topics": [{"name": "state", "fields": [{"name": "x"}]}]}, "topics[0].name",
-     "this name is taken"),
-])
+     "this name is taken")])
 def test_mistakes_of_its_row_are_told(home: Home, row: dict[str, object], key: str, text: str) -> None:
     (home.path / "mine.py").write_text("")
     loaded = home.load_made({"arms": [FALCON, PSM], "consoles": [console()],

@@ -27,8 +27,7 @@ FRAME = "base_frame: {reference_frame: Cart, transform: [[1, 0, 0, -200], [0, 1,
     (CHAIN, "qmin: -1.588, qmax: 1.588", "qmin: 1.5, qmax: 1.5", "DH.joints[0].qmax", "no range"),
     (CHAIN, "alpha: 1.5708", "alpha: 90", "DH.joints[0].alpha", "degrees"),
     (CHAIN, "offset: -0.4318", "offset: -431.8", "DH.joints[2].offset", "mm"),
-    (SYSTEM, "serial: demo", f"serial: demo\n    {FRAME}", "arms[0].base_frame.transform", "mm"),
-])
+    (SYSTEM, "serial: demo", f"serial: demo\n    {FRAME}", "arms[0].base_frame.transform", "mm")])
 def test_numbers_in_another_unit_warn(home: Home, file: str, old: str, new: str, key: str, text: str) -> None:
     home.edit(file, old, new)
     warning = home.warning()

@@ -40,8 +40,7 @@ def test_an_arm_file_of_old_spelling_is_still_refused(home: Home) -> None:
 @pytest.mark.parametrize(("keys", "name", "kind"), [
     ({"kinematic": "kinematic/ECM.yaml", "endoscope": "NONE", "mounting_pitch": 0.1}, "x.json", "ecm"),
     ({"kinematic": "kinematic/MTML.yaml"}, "x.json", "mtm"),
-    ({"kinematic": "kinematic/MTML.yaml", "platform_gain": 0.4}, "x.json", "mtm"),
-])
+    ({"kinematic": "kinematic/MTML.yaml", "platform_gain": 0.4}, "x.json", "mtm")])
 def test_the_kind_of_an_arm_file_follows_from_its_keys(home: Home, keys: dict[str, Any], name: str, kind: str) -> None:
     file = home.path / name
     file.write_text(json.dumps({"generation": "Classic", **keys}))

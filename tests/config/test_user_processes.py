@@ -69,6 +69,25 @@ def test_those_of_a_host_share_its_process_and_period(home: Home, beside: Path) 
      ".mine.topics[0]", "a record of 7999992 bytes", "at most"),
     ("{name: mine, module: mine.py, commands: [{name: go, arguments: [{name: q, type: 'float[65]'}]}]}",
      ".mine.commands[0]", "65 numbers", "64 numbers"),
+    ("{name: mine, module: mine.py, topics: [{name: a, ros: {message: Wrench}, fields: [{name: wrench}]}]}",
+     ".mine.topics[0].ros.message", "not allowed", "geometry_msgs/WrenchStamped"),
+    ("{name: mine, module: mine.py, topics: [{name: a, ros: {message: geometry_msgs/WrenchStamped}, "
+     "fields: [{name: force, type: 'float[3]'}]}]}", ".mine.topics[0].ros.message",
+     "geometry_msgs/WrenchStamped lacks its fields", "wrench (float[6])"),
+    ("{name: mine, module: mine.py, topics: [{name: a, ros: {message: geometry_msgs/PoseStamped}, "
+     "fields: [{name: pose, type: 'float[6]'}]}]}", ".mine.topics[0].fields[0].type",
+     "float[6] does not fit geometry_msgs/PoseStamped", "pose (float[7])"),
+    ("{name: mine, module: mine.py, topics: [{name: a, ros: {message: std_msgs/Bool}, fields: [{name: data}]}]}",
+     ".mine.topics[0].fields[0].type", "float does not fit std_msgs/Bool", "data (bool)"),
+    ("{name: mine, module: mine.py, topics: [{name: a, ros: {message: std_msgs/Float64}, "
+     "fields: [{name: data, type: 'float[1]'}]}]}", ".mine.topics[0].fields[0].type", "float[1] does not fit", "data"),
+    ("{name: mine, module: mine.py, topics: [{name: a, ros: {message: sensor_msgs/JointState, joints: [x, y]}, "
+     "fields: [{name: position, type: 'float[3]'}]}]}", ".mine.topics[0].ros",
+     "unequal numbers of elements: joints 2, position 3", "equal numbers"),
+    ("{name: mine, module: mine.py, topics: [{name: a, ros: {message: std_msgs/String, frame: x}, "
+     "fields: [{name: data, type: 'text[9]'}]}]}", ".mine.topics[0].ros.frame", "has no frame", "no frame"),
+    ("{name: mine, module: mine.py, topics: [{name: a, ros: {message: geometry_msgs/TwistStamped, joints: [a]}, "
+     "fields: [{name: twist, type: 'float[6]'}]}]}", ".mine.topics[0].ros", "joints 1, twist 6", "equal numbers"),
     ("{name: mine, module: mine.py, listen: 'localhost:80'}", ".mine.listen", "not an address with a port",
      "127.0.0.1:8080"),
     ("{name: mine, module: mine.py, listen: ['127.0.0.1:1', '127.0.0.1:1']}", ".mine.listen", "mine listens at",

@@ -32,11 +32,8 @@ def test_a_system_without_it_has_none(home: Home) -> None:
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("{listen: '[::]:8080', tls: {certificate: a, key: b}}", "no file a"),
-    ("{token_file: nowhere}", "no file nowhere"),
-    ("{max_clients: 0}", "out of range"),
-    ("{port: 8080}", "port"),
-])
+    ("{listen: '[::]:8080', tls: {certificate: a, key: b}}", "no file a"), ("{token_file: nowhere}", "no file nowhere"),
+    ("{max_clients: 0}", "out of range"), ("{port: 8080}", "port")])
 def test_mistakes_of_a_web_console_are_told(home: Home, text: str, words: str) -> None:
     attach(home, text)
     assert any(words in str(error) for error in home.load().errors), home.load().errors

@@ -13,8 +13,9 @@ from pydantic import BaseModel
 from tests.config.conftest import SYSTEM, Home
 from trocar.procs.config import models
 from trocar.procs.config.read.problem import FileProblem, value_text
+from trocar.procs.config.read.shapes import fields_of
 from trocar.procs.config.read.source import SourceFile
-from trocar.procs.config.read.validate import fields_of, validate
+from trocar.procs.config.read.validate import validate
 
 MARK = "zqx"  # in every value, and in nothing that is allowed
 FILE, LINE = "spoiled.json", 47

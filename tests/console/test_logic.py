@@ -12,7 +12,7 @@ from trocar.procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, O
 from trocar.procs.console.selection import ECM, PSM, Selectable, at_load, tapped
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
 from trocar.procs.tables.codes import Code
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 
 RIGHT = Selectable("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1"))
 LEFT = Selectable("MTML_PSM2", "c", PSM, ("MTML", "PSM2"))
@@ -34,7 +34,7 @@ class FakeDesk:
         self.origins: list[object] = []
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
-            origin: Origin = NOBODY) -> bool:
+            origin: Origin = NO_ORIGIN) -> bool:
         self.origins.append(origin)
         assert not objection("teleop", command, values, text, origin), f"{command} {text} of {origin} is refused"
         if teleop not in self.deaf:

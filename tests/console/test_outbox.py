@@ -15,7 +15,7 @@ from trocar.procs.console.selection import ECM, PSM, Selectable
 from trocar.procs.document.consoles import Console
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
 from trocar.procs.tables import codes
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.operator_topics import CONSOLE_STATE
 
@@ -110,8 +110,8 @@ def test_what_is_asked_goes_out_on_behalf_of_a_person(office: Office) -> None:
     assert not office.desk.ask("MTML_MTMR_ECM", "state_command", text="enable", origin=PERSON), "it does not run"
     office.clients["MTML_PSM2"].full = True
     assert not office.desk.ask("MTML_PSM2", "set_scale", (0.6,))
-    assert office.log == ["MTMR_PSM1 for 7", "MTMR_PSM1 < state_command enable ()", f"MTML_PSM2 for {NOBODY.id}",
-                          "MTML_PSM2 < set_scale  (0.5,)", f"MTML_PSM2 for {NOBODY.id}",
+    assert office.log == ["MTMR_PSM1 for 7", "MTMR_PSM1 < state_command enable ()", f"MTML_PSM2 for {NO_ORIGIN.id}",
+                          "MTML_PSM2 < set_scale  (0.5,)", f"MTML_PSM2 for {NO_ORIGIN.id}",
                           "MTML_PSM2 < set_scale  (0.6,)"]
 
 
@@ -172,7 +172,7 @@ def test_states_and_restarts_are_seen(office: Office) -> None:
     assert office.log == ["shows MTMR_PSM1 ENABLED", "shows MTML_PSM2 ALIGN"]
     office.rings["MTMR_PSM1"].epoch, office.rings["MTML_PSM2"].there = 2, False
     office.heard()
-    assert office.log == ["status of c: MTMR_PSM1 was restarted: it follows once presence is shown again",
+    assert office.log == ["status of c: MTMR_PSM1 was restarted: it follows when the operator has left and returned",
                           "anew MTMR_PSM1"]
     office.heard()
     assert office.log == ["shows MTMR_PSM1 ENABLED"]

@@ -13,12 +13,12 @@ import pytest
 from tests.arm.fake_requests import FakeRequest
 from tests.guarded import objection
 from tests.traces import Trace, shown
-from trocar.procs.console.commands import ConsoleCommands
+from trocar.procs.console.console_commands import ConsoleCommands
 from trocar.procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
 from trocar.procs.console.selection import ECM, PSM, Selectable, conflicts
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
 from trocar.procs.tables.codes import Code
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 
 FOLDER = Path(__file__).parent / "traces"
 STEPS = 500
@@ -47,7 +47,7 @@ class LoggedDesk:
         self.name, self.log, self.deaf = name, log, set[str]()
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
-            origin: Origin = NOBODY) -> bool:
+            origin: Origin = NO_ORIGIN) -> bool:
         reason = objection("teleop", command, values, text, origin)
         heard = " (not heard)" if teleop in self.deaf else f" ({reason})" if reason else ""
         self.log.append(f"{self.name} > {teleop} {command} {text}{shown(tuple(values))} for {origin.id}{heard}")

@@ -111,8 +111,8 @@ def test_matrices_texts_and_stamps_have_paths_too(played: ScriptedRobot) -> None
 
 
 def test_fields_that_are_not_there_are_named_with_those_near(played: ScriptedRobot) -> None:
-    with pytest.raises(BadPath, match=r"no field positon; did you mean position"):
-        rows_and_cells(played, "PSM1/measured_js.positon[0]")
+    with pytest.raises(BadPath, match=r"no field positin; did you mean position"):
+        rows_and_cells(played, "PSM1/measured_js.positin[0]")
     with pytest.raises(BadPath, match="is a whole topic; its fields are: valid, name, position"):
         rows_and_cells(played, "PSM1/measured_js")
     with pytest.raises(BadPath, match=r"takes no index"):

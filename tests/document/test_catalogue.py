@@ -30,19 +30,11 @@ ROWS = (DRIVER, PLAIN, GEARED, SNAKE, CatalogueRow(("PROGRASP_FORCEPS",), "40009
 
 
 @pytest.mark.parametrize(("text", "row"), [
-    ("LARGE_NEEDLE_DRIVER:400006", DRIVER),
-    (":400006", DRIVER),
-    (" large_needle_driver:400006 ", DRIVER),
-    ("LARGE_NEEDLE_DRIVER:400006[7]", DRIVER),
-    ("LARGE_NEEDLE_DRIVER:420006[11]", PLAIN),
-    ("LARGE_NEEDLE_DRIVER:420006[12]", GEARED),
-    ("LARGE_NEEDLE_DRIVER:420006:12", GEARED),
-    (":420006[..11]", PLAIN),
-    (":420006:[12..]", GEARED),
-    ("LARGE_NEEDLE_DRIVER:420006[13..20]", GEARED),
-    ("LARGE_NEEDLE_DRIVER:400006[..]", DRIVER),
-    ("5MM_NEEDLE_DRIVER:400117", SNAKE),
-])
+    ("LARGE_NEEDLE_DRIVER:400006", DRIVER), (":400006", DRIVER), (" large_needle_driver:400006 ", DRIVER),
+    ("LARGE_NEEDLE_DRIVER:400006[7]", DRIVER), ("LARGE_NEEDLE_DRIVER:420006[11]", PLAIN),
+    ("LARGE_NEEDLE_DRIVER:420006[12]", GEARED), ("LARGE_NEEDLE_DRIVER:420006:12", GEARED), (":420006[..11]", PLAIN),
+    (":420006:[12..]", GEARED), ("LARGE_NEEDLE_DRIVER:420006[13..20]", GEARED),
+    ("LARGE_NEEDLE_DRIVER:400006[..]", DRIVER), ("5MM_NEEDLE_DRIVER:400117", SNAKE)])
 def test_an_instrument_is_found_by_name_model_and_version(text: str, row: CatalogueRow) -> None:
     found = find(text, ROWS)
     assert (found.entry, found.reason, found.note) == (row, "", "")
@@ -51,8 +43,7 @@ def test_an_instrument_is_found_by_name_model_and_version(text: str, row: Catalo
 @pytest.mark.parametrize(("text", "row", "note"), [
     ("5MM_NEEDLE_DRIVER_400117", SNAKE, "taken as 5MM_NEEDLE_DRIVER:400117"),
     ("LARGE_NEEDLE_DRIVER_420006[12]", GEARED, "taken as LARGE_NEEDLE_DRIVER:420006[12]"),
-    ("LARGE_NEEDLE_DRIVER_420006_3", PLAIN, "taken as LARGE_NEEDLE_DRIVER:420006:3"),
-])
+    ("LARGE_NEEDLE_DRIVER_420006_3", PLAIN, "taken as LARGE_NEEDLE_DRIVER:420006:3")])
 def test_an_underscore_before_the_model_is_accepted_with_a_note(text: str, row: CatalogueRow, note: str) -> None:
     found = find(text, ROWS)
     assert (found.entry, found.note) == (row, note)
@@ -60,19 +51,16 @@ def test_an_underscore_before_the_model_is_accepted_with_a_note(text: str, row: 
 
 @pytest.mark.parametrize(("text", "reason", "candidates"), [
     ("LARGE_NEEDLE_DRIVER:420006", "several versions", ("LARGE_NEEDLE_DRIVER:420006[..11]",
-                                                        "LARGE_NEEDLE_DRIVER:420006[12..]")),
-    ("LARGE_NEEDLE_DRIVER:420006[10..13]", "no entry covers version [10..13]",
-     ("LARGE_NEEDLE_DRIVER:420006[..11]", "LARGE_NEEDLE_DRIVER:420006[12..]")),
+     "LARGE_NEEDLE_DRIVER:420006[12..]")),
+    ("LARGE_NEEDLE_DRIVER:420006[10..13]", "no entry covers version [10..13]", ("LARGE_NEEDLE_DRIVER:420006[..11]",
+     "LARGE_NEEDLE_DRIVER:420006[12..]")),
     ("SCISSORS:400006", "model 400006 is not called SCISSORS", ("LARGE_NEEDLE_DRIVER:400006",)),
-    ("LARGE_NEEDLE_DRIVER:999999", "no instrument of model 999999",
-     ("LARGE_NEEDLE_DRIVER:400006", "LARGE_NEEDLE_DRIVER:420006[..11]", "LARGE_NEEDLE_DRIVER:420006[12..]")),
+    ("LARGE_NEEDLE_DRIVER:999999", "no instrument of model 999999", ("LARGE_NEEDLE_DRIVER:400006",
+     "LARGE_NEEDLE_DRIVER:420006[..11]", "LARGE_NEEDLE_DRIVER:420006[12..]")),
     ("PROGRASP_FORCEPS", "not a name", ("PROGRASP_FORCEPS:400093",)),
-    ("LARGE_NEEDLE_DRIVER:420006[x]", "not a name", ("LARGE_NEEDLE_DRIVER:400006",)),
-    ("", "not a name", ()),
-])
+    ("LARGE_NEEDLE_DRIVER:420006[x]", "not a name", ("LARGE_NEEDLE_DRIVER:400006",)), ("", "not a name", ())])
 def test_what_is_not_clear_is_refused_with_what_may_be_meant(
-    text: str, reason: str, candidates: tuple[str, ...]
-) -> None:
+        text: str, reason: str, candidates: tuple[str, ...]) -> None:
     found = find(text, ROWS)
     assert found.entry is None and found.reason.startswith(reason)
     assert set(found.candidates) >= set(candidates)

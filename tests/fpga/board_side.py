@@ -1,37 +1,193 @@
-"""The boards' side of the wire, one datagram and one block at a time, beside the arrays of the project."""
+"""Datagrams of the wire, one at a time, as values with all their fields and back; and the blocks in them."""
 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from trocar.procs.fpga import registers
 from trocar.procs.fpga.blocks import layout_of
 from trocar.procs.fpga.wire import (
-    _PACKET,
-    _QUAD,
-    _REQUEST,
-    _TRAILER,
+    BLOCK_OVERHEAD_BYTES,
     BLOCK_READ,
     BLOCK_RESPONSE,
     BLOCK_WRITE,
+    BUS,
+    HOST_ID,
     QUADLET_READ,
     QUADLET_RESPONSE,
+    QUADLET_RESPONSE_BYTES,
     QUADLET_WRITE,
+    RESPONSE_HEADER_BYTES,
+    TRAILER_BYTES,
     Buffer,
-    Dropped,
-    Trailer,
     WireError,
-    WireRequest,
-    WireResponse,
-    _block,
-    _block_length,
-    _fit,
+    crc_bytes,
 )
+
+_REQUEST = struct.Struct(">BBIII")  # flags, generation, q0-q2
+_PACKET = struct.Struct(">III")
+_QUAD = struct.Struct(">I")
+_TRAILER = struct.Struct(">BBBBHH")
+
+
+def crc(data: Buffer) -> int:
+    """CRC-32, polynomial 0x04C11DB7, most significant bit first, initial and final 0xFFFFFFFF."""
+    return int.from_bytes(crc_bytes(data), "big")
+
+
+def _fit(value: int, bits: int, where: str) -> int:
+    if not 0 <= value < 1 << bits:
+        raise WireError(f"{value} does not fit {bits} bits", where)
+    return value
+
+
+def _block(data: bytes, where: str) -> bytes:
+    if len(data) % 4 or not 0 < len(data) <= 0xFFFC:
+        raise WireError(f"{len(data)} data bytes; allowed: a multiple of 4 from 4 to 65532", where)
+    return data
+
+
+@dataclass(frozen=True, slots=True)
+class WireRequest:
+    """A datagram from host to board.
+
+    `data` holds the payload of writes (4 bytes for a quadlet), `length` the requested bytes of a block read. `crc`
+    (header) and `data_crc` (block write only) of None are computed when encoding.
+    """
+
+    tcode: int
+    node: int
+    address: int
+    tl: int
+    generation: int
+    flags: int = 0
+    data: bytes = b""
+    length: int = 0
+    bus: int = BUS
+    source: int = HOST_ID
+    retry: int = 0
+    priority: int = 0
+    crc: int | None = None
+    data_crc: int | None = None
+
+    @property
+    def value(self) -> int:
+        """Data of a quadlet write."""
+        return int.from_bytes(self.data[:4], "big")
+
+
+def encode_request(request: WireRequest) -> bytes:
+    """The datagram of a request; raises WireError if a field does not fit."""
+    r = request
+    q0 = (_fit(r.bus, 10, "bus") << 22 | _fit(r.node, 6, "node") << 16 | _fit(r.tl, 6, "tl") << 10
+          | _fit(r.retry, 2, "retry") << 8 | _fit(r.tcode, 4, "tcode") << 4 | _fit(r.priority, 4, "priority"))
+    address = _fit(r.address, 48, "address")
+    head = _REQUEST.pack(_fit(r.flags, 8, "flags"), _fit(r.generation, 8, "generation"), q0,
+                         _fit(r.source, 16, "source") << 16 | address >> 32, address & 0xFFFFFFFF)
+    if r.tcode == QUADLET_WRITE:
+        if len(r.data) != 4:
+            raise WireError(f"{len(r.data)} data bytes; allowed: 4", "quadlet write")
+        head += r.data
+    elif r.tcode == BLOCK_WRITE:
+        head += _QUAD.pack(len(_block(r.data, "block write")) << 16)
+    elif r.tcode == BLOCK_READ:
+        head += _QUAD.pack(_fit(r.length, 16, "length") << 16)
+    elif r.tcode != QUADLET_READ:
+        raise WireError(f"tcode {r.tcode}; allowed: 0, 1, 4, 5", "request")
+    head += crc_bytes(head[2:]) if r.crc is None else _QUAD.pack(_fit(r.crc, 32, "crc"))
+    if r.tcode != BLOCK_WRITE:
+        return head
+    return head + r.data + (crc_bytes(r.data) if r.data_crc is None else _QUAD.pack(_fit(r.data_crc, 32, "data crc")))
+
+
+def _block_length(data: Buffer, at: int, where: str) -> int:
+    quad: int = _QUAD.unpack_from(data, at)[0]
+    if quad & 0xFFFF:
+        raise WireError(f"extended transaction code 0x{quad & 0xFFFF:04X}; allowed: 0", where)
+    return quad >> 16
+
+
+@dataclass(frozen=True, slots=True)
+class Trailer:
+    """The 8 bytes after every response; times in ticks of 1/49.152 MHz."""
+
+    flags: int = 0
+    generation: int = 0
+    packet_errors: int = 0
+    receive_ticks: int = 0
+    total_ticks: int = 0
+    spare: int = 0
+
+    @classmethod
+    def decode(cls, data: Buffer) -> Trailer:
+        """The trailer in exactly 8 bytes."""
+        if len(data) != TRAILER_BYTES:
+            raise WireError(f"{len(data)} bytes; allowed: {TRAILER_BYTES}", "trailer")
+        flags, generation, spare, errors, receive, total = _TRAILER.unpack(data)
+        return cls(flags, generation, errors, receive, total, spare)
+
+
+@dataclass(frozen=True, slots=True)
+class Dropped:
+    """The 8-byte reply to a read that the board dropped (bus in reset, or another bus generation)."""
+
+    trailer: Trailer
+
+
+@dataclass(frozen=True, slots=True)
+class WireResponse:
+    """A datagram from board to host; boards leave the CRCs of their own responses 0."""
+
+    tcode: int
+    node: int
+    tl: int
+    data: bytes
+    trailer: Trailer = Trailer()
+    rcode: int = 0
+    bus: int = BUS
+    destination: int = HOST_ID
+    retry: int = 0
+    priority: int = 0
+    reserved: int = 0  # 44 bits
+    crc: int = 0
+    data_crc: int = 0  # block response only
+
+    @property
+    def value(self) -> int:
+        """Data of a quadlet response."""
+        return int.from_bytes(self.data[:4], "big")
+
+
+def decode_response(data: Buffer) -> WireResponse | Dropped:
+    """The response in a datagram; 8 bytes are a dropped read. Raises WireError for anything else."""
+    size = len(data)
+    if size == TRAILER_BYTES:
+        return Dropped(Trailer.decode(data))
+    if size < QUADLET_RESPONSE_BYTES:
+        raise WireError(f"{size} bytes; allowed: 8, 28 or more", "response")
+    q0, q1, q2 = _PACKET.unpack_from(data)
+    tcode = q0 >> 4 & 0xF
+    data_crc = 0
+    if tcode == QUADLET_RESPONSE:
+        end, payload, crc_at = QUADLET_RESPONSE_BYTES, bytes(data[12:16]), 16
+    elif tcode == BLOCK_RESPONSE:
+        crc_at, end = 16, BLOCK_OVERHEAD_BYTES + _block_length(data, 12, "response")
+        payload = bytes(data[RESPONSE_HEADER_BYTES:-12])
+    else:
+        raise WireError(f"tcode {tcode}; allowed: 6, 7", "response")
+    if size != end:
+        raise WireError(f"{size} bytes with tcode {tcode}; allowed: {end}", "response")
+    if tcode == BLOCK_RESPONSE:
+        _block(payload, "block response")
+        data_crc = _QUAD.unpack_from(data, size - 12)[0]
+    return WireResponse(tcode, q1 >> 16 & 0x3F, q0 >> 10 & 0x3F, payload, Trailer.decode(data[size - TRAILER_BYTES:]),
+                        q1 >> 12 & 0xF, q1 >> 22, q0 >> 16, q0 >> 8 & 3, q0 & 0xF, (q1 & 0xFFF) << 32 | q2,
+                        _QUAD.unpack_from(data, crc_at)[0], data_crc)
 
 
 def decode_request(data: Buffer) -> WireRequest:
-    """The request in a datagram; raises WireError for anything else. CRCs are kept, not judged (`crc_ok`)."""
+    """The request in a datagram; raises WireError for anything else. CRCs are kept, not judged (see `crc_ok`)."""
     size = len(data)
     if size < 18:
         raise WireError(f"{size} bytes; a request has at least 18", "request")
@@ -59,6 +215,11 @@ def decode_request(data: Buffer) -> WireRequest:
     address = (q1 & 0xFFFF) << 32 | q2
     return WireRequest(tcode, q0 >> 16 & 0x3F, address, q0 >> 10 & 0x3F, generation, flags, payload, length, q0 >> 22,
                        q1 >> 16, q0 >> 8 & 3, q0 & 0xF, _QUAD.unpack_from(data, crc_at)[0], data_crc)
+
+
+def crc_ok(request: WireRequest) -> bool:
+    """Whether every CRC of the request is correct."""
+    return encode_request(replace(request, crc=None, data_crc=None)) == encode_request(request)
 
 
 def encode_trailer(trailer: Trailer) -> bytes:

@@ -25,16 +25,6 @@ def _bits(path: str, axis: int, *currents: float) -> list[int]:
     return encoder.bits.tolist()
 
 
-def _linear(row: dict, *bits: float) -> np.ndarray:
-    n = len(bits)
-    return conversion.linear(np.array(bits), np.full(n, row["scale"]), np.full(n, row.get("offset", 0.0)), np.zeros(n))
-
-
-def _pot(path: str, axis: int, *bits: float) -> np.ndarray:
-    row = _axis(path, axis)["potentiometer"]
-    return _linear(row["voltage_to_position"], *_linear(row["bits_to_voltage"], *bits))
-
-
 def test_currents_become_the_bits_of_the_site() -> None:
     assert _bits(CLASSIC, 0, 0.0, 1.0, 1.34, -1.34) == [33032, 27789, 26006, 40057]
     assert _bits(CLASSIC, 2, 0.5) == [35313]
@@ -45,25 +35,6 @@ def test_a_negative_offset_wraps_like_the_converter() -> None:
     encoder = conversion.CurrentEncoder(np.array([16000.0]), np.array([-32768.0]))
     encoder.encode(np.array([-0.25]))
     assert encoder.bits.tolist() == [28768]
-
-
-def test_measured_bits_become_amperes() -> None:
-    row = _axis(CLASSIC, 0)["drive"]["bits_to_current"]
-    np.testing.assert_allclose(_linear(row, 32768, 0, 65535), [0.0453874376, 6.2953919176, -6.2044263074], rtol=1e-9)
-
-
-def test_encoder_counts_become_positions() -> None:
-    for path, axis, expected in ((CLASSIC, 0, -0.7722695805), (CLASSIC, 2, 0.1296293265), (SI, 0, 0.0920388841)):
-        row = _axis(path, axis)["encoder"]["bits_to_position"]
-        np.testing.assert_allclose(_linear(row, 100000), expected, rtol=1e-9)
-
-
-def test_potentiometer_bits_become_positions() -> None:
-    np.testing.assert_allclose(_pot(CLASSIC, 0, 0, 65535), [1.7138683044, -1.7133911500], rtol=1e-9)
-    np.testing.assert_allclose(_pot(CLASSIC, 0, 32768), 2.1242890e-4, rtol=5e-8)  # as many digits as are stated
-    volts = _linear(_axis(CLASSIC, 0)["potentiometer"]["bits_to_voltage"], 32768)
-    np.testing.assert_allclose(volts, 2.25, rtol=1e-9)
-    np.testing.assert_allclose(_pot(CLASSIC, 2, 32768), 0.1190601520, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +73,8 @@ def test_rounding_keeps_every_count_where_truncation_loses_some() -> None:
     scale = np.array([_axis(CLASSIC, 0)["encoder"]["bits_to_position"]["scale"]])
     counts = np.arange(-200000, 200001)
     positions = counts * scale
-    assert np.array_equal(conversion.position_bits(positions, scale, np.zeros(1)), counts)
+    preloads = conversion.preload_bits(positions, scale, np.zeros(1))
+    assert np.array_equal(preloads - registers.ENCODER_MIDRANGE, counts)
     assert np.count_nonzero(np.trunc(positions / scale).astype(int) != counts) == 1548
 
 

@@ -132,7 +132,7 @@ def test_a_page_gets_what_it_wants_when_it_changes(world: World) -> None:
         browser.handle('{"op": "want", "sources": []}')
         count = len(page.heard)
         await console.tick()
-        assert len(page.heard) == count and console.sources.are_open == 0
+        assert len(page.heard) == count and len(console.sources._open) == 0
 
     play(world.name, story)
 
@@ -212,8 +212,7 @@ def test_every_page_may_stop_the_robot(world: World, command: str, text: str) ->
     ('{"op": "call", "to": "PSM1", "command": "move_jp", "values": ["1"]}', "numbers"),
     ('{"op": "call", "to": "PSM9", "command": "hold"}', "no component PSM9"),
     ('{"op": "call", "to": "PSM1", "command": "hold", "as": "root"}', "no part as"),
-    ('{"op": "beat", "id": {}}', "id has to be"), (" " * 70000, "65536 bytes"),
-])
+    ('{"op": "beat", "id": {}}', "id has to be"), (" " * 70000, "65536 bytes")])
 def test_what_is_no_message_is_answered_and_does_nothing(world: World, message: str, words: str) -> None:
     async def story(console: Console) -> None:
         browser, page = console.page()

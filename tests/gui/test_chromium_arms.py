@@ -274,7 +274,7 @@ def test_one_of_two_browsers_has_control_and_loses_it(page: BrowserPage) -> None
         other.take_control()
         one.until("document.body.dataset.control === 'other'")
         other.driver.get("about:blank")
-        one.until("document.body.dataset.control === 'nobody'")
+        one.until("document.body.dataset.control === 'none'")
         one.take_control()
         one.js("setInterval = null; for (let i = 0; i < 10000; i++) clearInterval(i)")  # it is silent
         one.until("document.body.dataset.control !== 'you'", 10)

@@ -62,7 +62,7 @@ def test_what_is_no_number_cannot_be_plotted(world: World) -> None:
             browser.handle(json.dumps({"op": "want", "id": 1, "sources": [f"plot:{name}"]}))
             await console.tick()
             assert page.last("reply")["outcome"] == "refused", name
-        assert browser.wants == () and console.sources.are_open == console.sources.are_made == 0
+        assert browser.wants == () and len(console.sources._open) == len(console.sources._made) == 0
 
     play(world.name, story)
 
@@ -77,15 +77,15 @@ def test_what_nobody_plots_any_more_is_forgotten(world: World) -> None:
             one.handle(json.dumps({"op": "want", "id": 1, "sources": wanted}))
             for open_now in range(2, len(names) + 1, 2):
                 await console.tick()
-                assert console.sources.are_open <= max(open_now, 8), "a few in each tick"
+                assert len(console.sources._open) <= max(open_now, 8), "a few in each tick"
         assert page.last("reply")["outcome"] == "refused" and one.wants == tuple(names[:8])
-        assert console.sources.are_open == console.sources.are_made == 8
+        assert len(console.sources._open) == len(console.sources._made) == 8
         answer = await console.ask(one, page, "want", sources=[*names, "plot:PSM1/state.effort[0]"])
-        assert "allowed are 16" in answer["text"] and console.sources.are_made == 8
+        assert "allowed are 16" in answer["text"] and len(console.sources._made) == 8
         one.handle('{"op": "want", "sources": []}')
-        assert console.sources.are_open == console.sources.are_made == 1, "another page wants it"
+        assert len(console.sources._open) == len(console.sources._made) == 1, "another page wants it"
         console.all.leave(other)
-        assert console.sources.are_open == console.sources.are_made == 0
+        assert len(console.sources._open) == len(console.sources._made) == 0
 
     play(world.name, story)
 

@@ -20,7 +20,7 @@ from trocar.procs.kinematics.poses import matrix_from_pose
 from trocar.procs.suj.setups import Setups
 from trocar.procs.supervisor import memory
 from trocar.procs.tables.arm_types import ARM_TYPES
-from trocar.shm.memory.segment import names_of, segment_name, unlink
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 
@@ -129,7 +129,7 @@ def test_setup_arms_end_where_the_arms_that_they_carry_begin(full: SystemConfig,
         record = directory.writer(world.name, cart.name, "state", "suj")
         setups = Setups(cart, record.field)
         for place, arm in enumerate(cart.arms):
-            setups.harness(place, np.array(arm.position) + 0.05)
+            setups.set_joints(place, np.array(arm.position) + 0.05)
         setups.lose(1, moved=True)
         record.publish(monotonic_ns())
         with closing(SceneCart(world.name, cart)) as scene:
@@ -141,8 +141,7 @@ def test_setup_arms_end_where_the_arms_that_they_carry_begin(full: SystemConfig,
             assert all(row["late"] for row in scene.read(monotonic_ns() + 10**9).values())
         record.close()
     finally:
-        for part in names_of(world.name):
-            unlink(segment_name(*part))
+        remove_all(world.name)
 
 
 def test_a_setup_arm_begins_where_its_cart_holds_it(full: SystemConfig) -> None:

@@ -7,7 +7,7 @@ import itertools
 import os
 from collections.abc import Sequence
 
-from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.config import PROJECT_CONFIGS, Machine, load_system
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.host.host import Host
 from trocar.shm.ring.ring import RingReader
@@ -22,7 +22,7 @@ def document(file: str, boards: str | None = None, sets: Sequence[str] = QUICK) 
     """A system of ours in simulated time, under a name of its own."""
     name = f"hosted{os.getpid()}x{next(COUNTER)}"
     loaded = load_system(PROJECT_CONFIGS / "systems" / file, name=name, sets=["clock=lockstep", *sets], boards=boards,
-                         bus_address=lambda bus: f"127.250.0.{16 * (bus + 1)}")
+                         machine=Machine(lambda bus: f"127.250.0.{16 * (bus + 1)}"))
     assert loaded.system is not None, loaded.errors
     return loaded.system
 

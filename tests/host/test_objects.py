@@ -177,8 +177,7 @@ def made() -> Iterator[int]:
 
 @pytest.mark.parametrize(("one", "kind"), [
     (itertools.count(), "itertools.count"), (made(), "builtins.generator"), (iter([1]), "builtins.list_iterator"),
-    (ValueError("x"), "builtins.ValueError"),
-], ids=lambda one: one if isinstance(one, str) else type(one).__name__)
+    (ValueError("x"), "builtins.ValueError")], ids=lambda one: one if isinstance(one, str) else type(one).__name__)
 def test_what_cannot_be_put_back_is_named_with_the_way_to_it(one: object, kind: str) -> None:
     root = {"held": Plain(by=[0, one])}
     with pytest.raises(UnknownTypeError, match=rf"^root\['held'\]\.by\[1\] is a {kind}, and no rule"):

@@ -73,12 +73,12 @@ class HashedHost:
 def moves(watched: HashedHost) -> None:
     """A move that is bent on its way, and a stream."""
     watched.arm.send("move_jp", GOAL)
-    watched.run(0.3)
+    watched.run(0.2)
     watched.arm.send("move_jp", OTHER)
-    watched.run(1.5)
+    watched.run(MOVE_S)
     random = np.random.default_rng(3)
     goal = np.array(OTHER)
-    for _ in range(20):
+    for _ in range(8):
         goal = goal + random.uniform(-1e-3, 1e-3, 6)
         watched.arm.send("servo_jp", goal)
         watched.run(0.02)
@@ -93,13 +93,14 @@ def stops(watched: HashedHost) -> None:
         watched.boards.send("emergency_stop", (1.0,))
     else:
         watched.arm.send("state_command", (), "disable")
-    watched.run(0.5)
+    watched.run(0.3)
     assert watched.state != "ENABLED"
     watched.arm.send("move_jp", OTHER)
     watched.run(0.1)
 
 
 SMALL = ("kinematic.yaml", None, QUICK)
+MOVE_S = 0.5
 
 
 def begun(host: Host) -> HashedHost:
@@ -131,7 +132,7 @@ def test_what_happens_after_it_is_the_same_each_time(homed: HashedHost, snapshot
     homed.host.restore(snapshot)
     first = homed.hash_of(moves)
     assert first != homed.hash_of(moves), "the hash sees where it begins"
-    for between in (stops, moves, lambda watched: watched.host.run(5.0)):
+    for between in (stops, lambda watched: watched.host.run(3.0)):
         between(homed)
         homed.host.restore(snapshot)
         assert homed.hash_of(moves) == first
@@ -144,11 +145,12 @@ def test_it_can_be_taken_in_a_move_with_commands_under_way(homed: HashedHost, sn
     homed.run(0.2)
     homed.arm.send("move_jp", OTHER)
     amid = homed.host.snapshot()
-    first = homed.hash_of(lambda watched: watched.run(2.0))
+    first = homed.hash_of(lambda watched: watched.run(0.5))
     homed.host.restore(snapshot)
     stops(homed)
     homed.host.restore(amid)
-    assert homed.hash_of(lambda watched: watched.run(2.0)) == first
+    assert homed.hash_of(lambda watched: watched.run(0.5)) == first
+    homed.run(1.5)
     assert np.allclose(homed.position, OTHER, atol=3e-3)
 
 
@@ -178,11 +180,10 @@ def test_nothing_grows_with_restores(homed: HashedHost, snapshot: HostSnapshot) 
         gc.collect()
         return len([*Path("/proc/self/fd").iterdir()])
 
-    for _ in range(2):
-        stops(homed)
-        homed.host.restore(snapshot)
+    stops(homed)
+    homed.host.restore(snapshot)
     before = files()
-    for _ in range(5):
+    for _ in range(2):
         stops(homed)
         homed.host.restore(snapshot)
     assert files() == before
@@ -246,7 +247,7 @@ def test_an_instrument_that_was_exchanged_since_is_back_in_its_place(homed: Hash
     first = homed.hash_of(moves)
     assert homed.boards is not None
     homed.boards.send("remove_instrument", (), "PSM1")
-    homed.run(0.5)
+    homed.run(0.3)
     assert [reply.outcome for reply in homed.boards.poll()][-1:] == ["done"]
     homed.host.restore(snapshot)
     assert homed.hash_of(moves) == first

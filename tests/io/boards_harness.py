@@ -11,15 +11,17 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from tests import stock
 from tests.guarded import FakeCell
 from tests.io.harness import FakeCommand, FakeSource, SteppedClock
 from trocar.procs.boards.controllers.bus import GROUP
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.config import load_system
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.assemble import IoContext
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.bus_port import BusPort, PortOptions
 from trocar.procs.io.cycle import RobotIo
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.reports import IoEvent
@@ -27,6 +29,9 @@ from trocar.procs.io.robots import Robots
 from trocar.procs.io.start import POWER_OFF, prepare
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.shm.time.clock import boottime_ns
+
+COARSE = ("io.period_s=0.002", "emulation.period_s=0.002")
+"""Where rates are not the subject."""
 
 
 class Direct:
@@ -96,7 +101,7 @@ class BoardsHarness:
     def __init__(self, system: SystemConfig, name: str = "", *, driven: bool = False, link: type[Direct] = Direct,
                  now_ns: Callable[[], int] | None = None) -> None:
         """`driven`: as the system's io runs it, not as the boards see it. `now_ns`: io's clock, if not the boards'."""
-        whole = system.emulated()
+        self.system, whole = system, system.emulated()
         self.io = (system if driven else whole).io(name) if name else whole.ios[0]
         self.clock = SteppedClock()
         self.plant = Plant(whole)
@@ -106,8 +111,9 @@ class BoardsHarness:
         self.robots = Robots(self.io)
         bridge = whole.emulation.buses[bus].network == "bridge"  # whatever its firmware could do without
         self.now_ns = now_ns or self.clock
-        self.port = BusPort(self.link, self.robots.board_ids, self.now_ns, self.io.protocol, bridge=bridge,
-                            real_time=now_ns is not None, exclusive=now_ns is None, first_control=POWER_OFF)
+        self.port = BusPort(self.link, self.robots.board_ids, self.now_ns, PortOptions(
+            self.io.protocol, bridge=bridge, real_time=now_ns is not None, exclusive=now_ns is None,
+            first_control=POWER_OFF, unknown_firmware=self.io.unknown_firmware))
         self.preset = prepare(self.robots, self.port)
         brakes = sum(len(robot.brakes) for robot in self.io.robots)
         self.record = IoRecord.private(self.robots.axes, len(self.robots.names), len(self.io.digital_inputs), brakes,
@@ -158,3 +164,11 @@ class BoardsHarness:
 
     def errors(self) -> list[tuple[str, str]]:
         return [(event.code, event.component) for event in self.events if event.kind == "error"]
+
+
+def rig_of(name: str, sets: Iterable[str] = COARSE) -> BoardsHarness:
+    """A system of a real site on emulated boards."""
+    loaded = load_system(stock.find(f"dvrk-site/{name}.json"), search=[stock.find("dvrk-share")], boards="emulated",
+                         sets=sets)
+    assert loaded.errors == () and loaded.system is not None, loaded.errors
+    return BoardsHarness(loaded.system)

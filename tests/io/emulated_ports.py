@@ -18,7 +18,7 @@ from trocar.procs.boards.endpoints import Endpoints
 from trocar.procs.document import system as document
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import wire
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.bus_port import BusPort, PortOptions
 from trocar.procs.io.bus.named_port import named, transport_of
 from trocar.procs.io.bus.protocols import BROADCAST_QUERY
 from trocar.procs.io.bus.transport import Transport
@@ -127,8 +127,8 @@ class PortBench:
         options.setdefault("deadline_ms", 200)  # of a busy machine; the rules are the same
         options.setdefault("exclusive", False)
         name = named(self.name)
-        return BusPort(self.transport(), self.ids if boards is None else boards, time.monotonic_ns, protocol,
-                       bridge=name.bridge, **options)
+        return BusPort(self.transport(), self.ids if boards is None else boards, time.monotonic_ns,
+                       PortOptions(protocol, bridge=name.bridge, **options))
 
 
 def times(count: int, kind: Fault) -> Fault:

@@ -13,6 +13,7 @@ import socket
 import struct
 from collections.abc import Callable
 
+from tests.fpga import board_side
 from tests.io.emulated_ports import PortBench
 from trocar.procs.fpga import wire
 from trocar.procs.io.bus import cdev as firewire
@@ -22,6 +23,17 @@ CARD, OTHER_CARD, DISK = "/dev/fw0", "/dev/fw1", "/dev/fw2"
 LOCAL_BUS = 0xFFC0
 OURS, THEIRS = 0xFA610E, 0x00A0B0
 ADDRESS_ERROR = 7
+BROADCAST_LEAST_OFFSET = 0xFFFF_F000_0800  # below, the kernel broadcasts nothing
+
+
+def encoded(event: firewire.Event) -> bytes:
+    """The event as the kernel encodes it. It repeats the data of short reads: an old error that programs rely on."""
+    if isinstance(event, firewire.BusReset):
+        managers = (LOCAL_BUS,) * 3
+        return firewire._RESET.pack(0, firewire.BUS_RESET, event.node, event.local_node, *managers, event.generation)
+    head = firewire._RESPONSE.pack(event.closure, firewire.RESPONSE, event.code, len(event.data))
+    room, data = -len(head) % 8, event.data
+    return head + (data.ljust(room, b"\0") + data if len(data) <= room else data + bytes(room))
 
 
 class FakeFirewire(PortBench):
@@ -60,10 +72,9 @@ class FakeFirewire(PortBench):
 
     def _state(self, path: str) -> firewire.BusReset:
         if path == OTHER_CARD:
-            return firewire.BusReset(LOCAL_BUS, LOCAL_BUS, LOCAL_BUS, LOCAL_BUS, LOCAL_BUS, 3)
+            return firewire.BusReset(LOCAL_BUS, LOCAL_BUS, 3)
         nodes = self._nodes()
-        local, root = LOCAL_BUS | nodes[CARD], LOCAL_BUS | max(nodes.values())
-        return firewire.BusReset(LOCAL_BUS | nodes[path], local, root, root, root, self.kernel_generation)
+        return firewire.BusReset(LOCAL_BUS | nodes[path], LOCAL_BUS | nodes[CARD], self.kernel_generation)
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
@@ -84,7 +95,7 @@ class FakeFirewire(PortBench):
         self.kernel_generation += 1
         for path, end in self._clients.values():
             if path != OTHER_CARD:
-                self._report(end, self._state(path).encode())
+                self._report(end, encoded(self._state(path)))
 
     @staticmethod
     def _report(end: socket.socket, event: bytes) -> None:
@@ -123,7 +134,7 @@ class FakeFirewire(PortBench):
         tcode, length, offset, closure, data_at, generation = firewire._REQUEST.unpack(argument)
         if request == firewire.SEND_BROADCAST_REQUEST:
             self._check(tcode in (0, 1), errno.EINVAL)
-            self._check(offset >= firewire.BROADCAST_LEAST_OFFSET, errno.EACCES)
+            self._check(offset >= BROADCAST_LEAST_OFFSET, errno.EACCES)
             self._check(length <= 512, errno.EIO)
             node = wire.BROADCAST
         else:
@@ -134,11 +145,11 @@ class FakeFirewire(PortBench):
         data = ctypes.string_at(data_at, length) if tcode in (0, 1) else b""
         self.touched.add(path)
         if generation != self.kernel_generation:
-            self._report(end, firewire.CdevResponse(closure, firewire.STALE_GENERATION).encode())
+            self._report(end, encoded(firewire.CdevResponse(closure, firewire.STALE_GENERATION)))
             return
         code = self._done(path, node, tcode, offset, length, data, closure, end)
         if code is not None:
-            self._report(end, firewire.CdevResponse(closure, code).encode())
+            self._report(end, encoded(firewire.CdevResponse(closure, code)))
 
     @staticmethod
     def _check(good: bool, error: int) -> None:
@@ -152,7 +163,7 @@ class FakeFirewire(PortBench):
         rom = struct.pack("@5I", 0x0404_0000, 0x31333934, 0, vendor << 8, 7)
         assert room >= len(rom)
         ctypes.memmove(rom_at, rom, len(rom))
-        state = self._state(path).encode()
+        state = encoded(self._state(path))
         ctypes.memmove(reset_at, state, len(state))
         card = 1 if path == OTHER_CARD else 0
         argument[:] = struct.pack("@IIQQQI0Q", 5, len(rom), rom_at, reset_at, 0, card)
@@ -180,8 +191,8 @@ class FakeFirewire(PortBench):
         read = (wire.quadlet_read(target, offset, label, generation) if tcode == 4
                 else wire.block_read(target, offset, length, label, generation))
         for reply in self.answer(read):
-            found = wire.decode_response(reply)
-            if isinstance(found, wire.WireResponse):
+            found = board_side.decode_response(reply)
+            if isinstance(found, board_side.WireResponse):
                 whose, client = self._waiting.get(found.tl, (closure ^ 1 << 16, end))
-                self._report(client, firewire.CdevResponse(whose, firewire.COMPLETE, self.spoil(found.data)).encode())
+                self._report(client, encoded(firewire.CdevResponse(whose, firewire.COMPLETE, self.spoil(found.data))))
         return None

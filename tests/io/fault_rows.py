@@ -30,9 +30,9 @@ def working(harness: IoHarness, grace_over: bool = True) -> IoHarness:
     harness.ask("tracking_check", 1)
     harness.ask("pot_check", 1)
     harness.send(1, in_effort=True, effort=EFFORT)
-    harness.run_s(0.1)
-    harness.clock.ns += 4_000_000_000 * grace_over
-    harness.run_s(0.05)
+    harness.run_s(0.07)
+    harness.pass_s(4.0 * grace_over)
+    harness.run_s(0.02)
     assert harness.codes == [] and harness.record.pid_enabled[0] and harness.record.brakes_released[0]
     assert (harness.record.current_request[:7] == EFFORT / 2).all()
     harness.core.reports.events.clear()
@@ -161,3 +161,8 @@ def is_off(harness: IoHarness) -> bool:
 
 def zero_current(harness: IoHarness) -> bool:
     return bool((harness.currents[:7] == 0x8000).all())
+
+
+def relays_open(harness: IoHarness) -> bool:
+    """Whether the last write opens the safety relays of all boards."""
+    return bool((harness.port.sent[-1][:, 4] & registers.CONTROL_RELAY_MASK == registers.CONTROL_RELAY_OFF).all())

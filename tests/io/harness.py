@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
@@ -103,7 +104,7 @@ class FakePort:
         self.out = np.zeros((n, 5), dtype=np.uint32)
         self.hardware, self.columns = ("QLA1",) * n, blocks.Columns(4)
         self.live = np.zeros((n, 32), dtype=np.uint32)
-        self.counters, self.stranger = Counters(n), ""
+        self.counters, self.stranger, self.read_only, self.assumed = Counters(n), "", "", ()
         self.recv_ns = self.send_ns = 0
         self.now_ns = SteppedClock()
         self.good = True
@@ -337,20 +338,25 @@ class IoHarness:
     def run_s(self, seconds: float) -> None:
         self.run(round(seconds * 1024))
 
+    def pass_s(self, seconds: float) -> None:
+        """Time passes in which nothing happens that would show in a cycle; no cycle runs."""
+        self.clock.ns += round(seconds * 1e9)
+
     def ask(self, name: str, *values: float, robot: str = "PSM1") -> FakeCommand:
         command = FakeCommand(name, robot, *values)
         self.run(1, command)
         return command
 
-    def power(self, robot: str = "PSM1") -> None:
+    def power(self, robot: str = "PSM1") -> Self:
         command = self.ask("power_on", robot=robot)
         self.run(10)
         assert command.outcome == "done", command.answers
+        return self
 
-    def control(self, robot: str = "PSM1") -> None:
-        self.power(robot)
-        command = self.ask("pid_enable", 1, robot=robot)
+    def control(self, robot: str = "PSM1") -> Self:
+        command = self.power(robot).ask("pid_enable", 1, robot=robot)
         assert command.outcome == "done", command.answers
+        return self
 
     def send(self, mode: int, arm: int = 0, **arrays) -> None:
         self.arms[arm].mode[...] = mode

@@ -9,7 +9,7 @@ import pytest
 
 from tests.fpga import board_side
 from tests.io.controllers_bus import ControllersBus, controller
-from tests.io.stub_bus import StubBoard, StubBus, udp_port_to
+from tests.io.stub_bus import StubBoard, StubBus, eventually_reads, udp_port_to
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.bus import discovery
 from trocar.procs.io.bus.protocols import BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL
@@ -46,10 +46,6 @@ def port_to(bus, protocol=BROADCAST_QUERY, ids=None):
     # A hub of Rev 9 has the base address plus its board id: hubs here have another revision or board id 0.
     return udp_port_to(f"udpfw:{bus.address}", ids or bus.ids, time.monotonic_ns, protocol, udp_port=bus.port,
                    exclusive=False, deadline_ms=200)
-
-
-def eventually_reads(port, tries=50):
-    return any(port.read_all() for _ in range(tries))
 
 
 def test_rows_have_what_their_boards_sent(boards, protocol):

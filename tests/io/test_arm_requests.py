@@ -90,7 +90,7 @@ def test_after_every_fault_the_same_desired_state_gives_nothing_back(fault: code
     on = harness.record.power_requested[0]
     assert harness.record.desired_void[0] and harness.record.fault[0] == fault.number
     assert not harness.record.pid_enabled[0]
-    harness.run_s(1.0)
+    harness.run(50)
     assert harness.record.power_requested[0] == on and not harness.record.pid_enabled[0]
     assert harness.record.fault[0] == fault.number
 
@@ -99,13 +99,13 @@ def test_a_desired_state_in_the_cycle_of_a_fault_is_void() -> None:
     harness = held(IoHarness())
     harness.arms[0].want(power=ON, pid=ON, fault=OFF)
     harness.core.reports.trip(codes.POWER_LOST, 0)
-    harness.run_s(0.5)
+    harness.run(50)
     assert not harness.record.power_requested[0] and harness.record.fault[0] == codes.POWER_LOST.number
 
 
 def test_a_desired_state_older_than_the_last_fault_counts_for_nothing() -> None:
     harness, cell = held(IoHarness()), FakeCell()
-    harness.core._commands._faults[:] = [cell]
+    harness.core.parts.faults[:] = [cell]
     harness.core.reports.trip(codes.POWER_LOST, 0)
     harness.run(1)
     assert cell.valid_from == 1
@@ -128,7 +128,7 @@ def test_a_persons_command_voids_the_desired_state_states(name: str, values: tup
     assert harness.record.desired_void[0] and refusal(harness) == f"test requested {name} meanwhile"
     controlled, powered = harness.record.pid_enabled[0], harness.record.power_requested[0]
     assert (controlled, powered) == (False, name != "power_off")
-    harness.run_s(0.5)
+    harness.run(50)
     assert harness.record.pid_enabled[0] == controlled and harness.record.power_requested[0] == powered
     harness.arms[0].want(power=ON)
     harness.run(10)
@@ -154,8 +154,9 @@ def test_nobody_takes_a_check_from_an_arm_that_needs_it_and_its_other_desired_st
     assert harness.ask(name, 1).answers == [("refused", "PSM1 needs it off; disable PSM1 first")]
 
 
-@pytest.mark.parametrize("name", CHECKS)
-@pytest.mark.parametrize("why", ["no arm", "an arm that is silent", "calibration mode"])
+@pytest.mark.parametrize(("name", "why"), [
+    *((name, "no arm") for name in CHECKS), ("tracking_check", "an arm that is silent"),
+    ("pot_check", "calibration mode")])
 def test_a_check_that_no_arm_needs_is_taken_away_by_an_operator_alone_who_is_named(name: str, why: str) -> None:
     harness, (desired, shown) = IoHarness(calibration_mode=why == "calibration mode"), CHECKS[name]
     harness.ask(name, 1)
@@ -169,7 +170,7 @@ def test_a_check_that_no_arm_needs_is_taken_away_by_an_operator_alone_who_is_nam
     harness.run(1, nobody)
     assert nobody.answers == [("refused", f"{name}: {UNAUTHORIZED}")]
     for cell, outcome in ((FakeCell(), "done"), (FakeCell(valid_from=1), "refused")):
-        harness.core._commands._faults[:] = [cell]
+        harness.core.parts.faults[:] = [cell]
         harness.ask(name, 1)
         off = FakeCommand(name, "PSM1", 0.0, origin=Origin(5, 0, "tune.py"))
         harness.run(1, off)
@@ -196,14 +197,14 @@ def test_a_persons_command_wins_over_a_desired_state_of_the_same_cycle() -> None
     harness = held(IoHarness())
     harness.arms[0].want(power=ON, pid=ON)
     harness.ask("power_off")
-    harness.run_s(0.5)
+    harness.run(50)
     assert not harness.record.power_requested[0] and harness.record.desired_generation[0] == 3
 
 
 def test_a_desired_state_that_came_of_an_older_command_than_a_persons_power_off_gives_no_power() -> None:
     """An arm held up between what it decided and what it published: its desired state comes after the power-off."""
     harness, cell = held(IoHarness()), FakeCell()
-    harness.core._commands._faults[:] = [cell]
+    harness.core.parts.faults[:] = [cell]
     assert harness.ask("power_off").outcome == "done"
     harness.arms[0].want(OLD, power=ON)
     harness.run(10)
@@ -244,7 +245,9 @@ def test_power_that_does_not_come_is_not_tried_again_by_the_same_desired_state()
     harness = IoHarness()
     harness.port.has_supply = False
     harness.arms[0].want(power=ON)
-    harness.run_s(3.5)
+    harness.run(10)
+    harness.pass_s(3.5)
+    harness.run(50)
     assert harness.record.fault[0] == codes.POWER_TIMEOUT.number and harness.record.desired_void[0]
     assert not harness.record.power_requested[0] and harness.codes == ["power-timeout"]
     harness.port.has_supply = True
@@ -257,7 +260,7 @@ def test_power_that_does_not_come_is_not_tried_again_by_the_same_desired_state()
 
 def test_what_became_of_desired_states_is_told_once_with_the_person_behind() -> None:
     harness, reported = braked(), []
-    harness.core._commands._desired._report = lambda asked, *what: reported.append((asked.name, asked.origin, *what))
+    harness.core.parts.desired._report = lambda asked, *what: reported.append((asked.name, asked.origin, *what))
     harness.arms[0].want(NEW, pid=ON)
     harness.run(50)
     harness.arms[0].want(NEW, power=ON)

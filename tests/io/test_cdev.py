@@ -10,15 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.io.fake_firewire import encoded
 from trocar.procs.io.bus import cdev as firewire
 from trocar.procs.io.bus.cdev import BusReset, CdevResponse
 
+RESPONSE_DATA_AT = firewire._RESPONSE.size
 HEADER = Path("/usr/include/linux/firewire-cdev.h")
 FACTS = {  # as the C compiler has it on x86-64
     "sizeof(struct fw_cdev_get_info)": firewire.INFO_BYTES,
     "sizeof(struct fw_cdev_send_request)": firewire.REQUEST_BYTES,
     "sizeof(struct fw_cdev_event_bus_reset)": firewire.RESET_BYTES,
-    "offsetof(struct fw_cdev_event_response, data)": firewire.RESPONSE_DATA_AT,
+    "offsetof(struct fw_cdev_event_response, data)": RESPONSE_DATA_AT,
     "sizeof(struct fw_cdev_event_response)": 24,
     "offsetof(struct fw_cdev_get_info, bus_reset)": 16,
     "offsetof(struct fw_cdev_get_info, card)": 32,
@@ -32,14 +34,12 @@ FACTS = {  # as the C compiler has it on x86-64
     "FW_CDEV_EVENT_BUS_RESET": firewire.BUS_RESET,
     "FW_CDEV_EVENT_RESPONSE": firewire.RESPONSE,
     "RCODE_GENERATION": firewire.STALE_GENERATION,
-    "RCODE_CANCELLED": firewire.CANCELLED,
-    "RCODE_NO_ACK": firewire.NO_ACKNOWLEDGE,
 }
 
 
 def test_sizes_and_codes_are_those_we_wrote_down() -> None:
     assert (firewire.INFO_BYTES, firewire.REQUEST_BYTES, firewire.RESET_BYTES) == (40, 40, 40)
-    assert firewire.RESPONSE_DATA_AT == 20
+    assert RESPONSE_DATA_AT == 20
     codes = (firewire.GET_INFO, firewire.SEND_REQUEST, firewire.SEND_BROADCAST_REQUEST)
     assert codes == (0xC0282300, 0x40282301, 0x40282312)
 
@@ -61,31 +61,31 @@ def test_sizes_and_codes_are_those_of_the_kernels_header(tmp_path: Path) -> None
 NODES = st.integers(0, 0xFFFF)
 
 
-@given(st.builds(BusReset, NODES, NODES, NODES, NODES, NODES, st.integers(0, 0xFFFF_FFFF), st.integers(0, 2**64 - 1)))
+@given(st.builds(BusReset, NODES, NODES, st.integers(0, 0xFFFF_FFFF)))
 def test_bus_resets_survive_the_bytes(event: BusReset) -> None:
-    assert firewire.decode_event(event.encode()) == event
+    assert firewire.decode_event(encoded(event)) == event
 
 
 @given(st.builds(CdevResponse, st.integers(0, 2**64 - 1), st.integers(0, 0xFF), st.binary(max_size=2048)))
 def test_responses_survive_the_bytes(event: CdevResponse) -> None:
-    assert firewire.decode_event(event.encode()) == event
+    assert firewire.decode_event(encoded(event)) == event
 
 
 @given(st.binary(max_size=64))
 def test_other_bytes_are_no_event_or_one(data: bytes) -> None:
     event = firewire.decode_event(data)
-    assert not isinstance(event, CdevResponse) or event.data == data[firewire.RESPONSE_DATA_AT :][: len(event.data)]
-    assert event is None or len(event.encode()) >= firewire.RESPONSE_DATA_AT
+    assert not isinstance(event, CdevResponse) or event.data == data[RESPONSE_DATA_AT :][: len(event.data)]
+    assert event is None or len(encoded(event)) >= RESPONSE_DATA_AT
 
 
 def test_short_reads_have_their_data_twice_as_the_kernel_sends_them() -> None:
-    event = CdevResponse(7, 0, b"QLA1").encode()
+    event = encoded(CdevResponse(7, 0, b"QLA1"))
     assert len(event) == 28 and event[20:24] == event[24:28] == b"QLA1"
 
 
 def test_truncated_events_are_none() -> None:
-    assert firewire.decode_event(BusReset(1, 2, 3, 4, 5, 6).encode()[:30]) is None
-    assert firewire.decode_event(CdevResponse(1, 0, bytes(100)).encode()[:90]) is None
+    assert firewire.decode_event(encoded(BusReset(1, 2, 3))[:30]) is None
+    assert firewire.decode_event(encoded(CdevResponse(1, 0, bytes(100)))[:90]) is None
     assert firewire.decode_event(b"") is None
 
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests import stock
-from tests.io.boards_harness import BoardsHarness
+from tests.io.boards_harness import BoardsHarness, rig_of
 from tests.io.harness import IoHarness
-from trocar.procs.config import load_system
 from trocar.procs.document.system import DigitalOutput
 from trocar.procs.fpga import registers
 
@@ -27,10 +25,7 @@ def harness() -> IoHarness:
 @pytest.fixture
 def boards_harness() -> BoardsHarness:
     """The setup joints of a real site: four outputs, one of them a one-shot, one a PWM."""
-    loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")],
-                         boards="emulated")
-    assert loaded.system is not None, loaded.errors
-    return BoardsHarness(loaded.system)
+    return rig_of("jhu-daVinci/system-SUJ")
 
 
 def output(boards_harness: BoardsHarness, name: str) -> bool:

@@ -15,6 +15,7 @@ import pytest
 from tests.io.emulated_ports import ROOT, in_namespace
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.bus import discovery, link
+from trocar.procs.io.bus.bus_port import PortOptions
 from trocar.procs.io.bus.named_port import port_of
 from trocar.procs.io.bus.protocols import PROTOCOLS
 
@@ -59,7 +60,7 @@ def test_boards_behind_a_cable_are_found_and_driven_at_the_usual_address(network
     monkeypatch.setattr(discovery, "NODES", IDS[-1] + 1)
     with boards_far_away(network):
         for protocol in PROTOCOLS:
-            port = port_of("udp", IDS, time.monotonic_ns, protocol)
+            port = port_of("udp", IDS, time.monotonic_ns, PortOptions(protocol))
             port._link.cycle_timeout_ms = 200
             with contextlib.closing(port):
                 found = port.discover()
@@ -70,5 +71,5 @@ def test_boards_behind_a_cable_are_found_and_driven_at_the_usual_address(network
                 port.out[:, -1] = registers.CONTROL_RELAY_ON
                 assert port.write_all()
                 assert all(port.read_quadlet(board, registers.STATUS) & registers.STATUS_RELAY for board in IDS)
-            with contextlib.closing(port_of("udp", (), time.monotonic_ns, quiet=True)) as quiet:
+            with contextlib.closing(port_of("udp", (), time.monotonic_ns, PortOptions(quiet=True))) as quiet:
                 assert [info.board for info in quiet.discover()] == list(IDS)

@@ -10,7 +10,7 @@ from tests.io.test_udp_discovery import recorded_requests, without_address
 from trocar.procs.boards.controllers.bus import EmulatedBus
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import blocks, registers, wire
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.bus_port import BusPort, PortOptions
 from trocar.procs.io.bus.protocols import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
 from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.bus.udp import address_of
@@ -40,7 +40,8 @@ class EthernetBoards:
         return None if reply is None else self.change(data, bytes(reply))
 
     def port(self, protocol: str = BROADCAST_QUERY) -> BusPort:
-        return BusPort(Direct(self, 0, self.clock), self.ids, self.clock, protocol, real_time=False, exclusive=False)
+        options = PortOptions(protocol, real_time=False, exclusive=False)
+        return BusPort(Direct(self, 0, self.clock), self.ids, self.clock, options)
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,12 @@ import select
 import pytest
 
 from tests.io.fake_firewire import CARD, DISK, OTHER_CARD, FakeFirewire
+from tests.io.stub_bus import eventually_reads
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus.bus_port import ALL_BOARDS
 from trocar.procs.io.bus.firewire import FirewireTransport
 from trocar.procs.io.bus.protocols import SEQUENTIAL
 from trocar.procs.io.bus.transport import PortError
-
-
-def eventually_reads(port, tries=50):
-    return any(port.read_all() for _ in range(tries))
 
 
 def test_only_boards_and_the_card_itself_are_spoken_to():

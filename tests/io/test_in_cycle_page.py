@@ -11,7 +11,7 @@ import pytest
 from tests.conftest import ROOT
 from tests.io.harness import IoHarness, gains
 from trocar.procs.config import load_system
-from trocar.procs.config.models.user_section import TaskKeys
+from trocar.procs.config.models.trocar_section import TaskKeys
 from trocar.procs.config.read.yamltext import parse_yaml
 from trocar.procs.document.system import PidConfig, TaskRow
 from trocar.procs.document.tasks import Sample, TaskRobot
@@ -41,9 +41,7 @@ def task(tmp_path: Path) -> TaskRow:
 
 def stand_with(task: TaskRow) -> IoHarness:
     named = tuple(gains(name=name, p_gain=0.0) for name in NAMES)
-    harness = IoHarness(tasks=(task,), pids=(PidConfig("PSM1", "PSM1", named),))
-    harness.control()
-    return harness
+    return IoHarness(tasks=(task,), pids=(PidConfig("PSM1", "PSM1", named),)).control()
 
 
 def test_the_example_pushes_back_and_never_pulls(task: TaskRow) -> None:

@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
 
-from tests.io.harness import FakePort, IoHarness, document, robot, with_actuators
-from trocar.procs.document.system import Linear, Potentiometer
-from trocar.procs.fpga import blocks, registers
-from trocar.procs.io.bus.transport import PortError
+from tests.io.harness import FakePort, IoHarness, document
+from trocar.procs.fpga import registers
 from trocar.procs.io.robots import Robots
 from trocar.procs.io.start import prepare
 
@@ -14,28 +12,18 @@ def test_encoders_take_the_value_of_constant_potentiometers() -> None:
     for axis in range(7):
         harness.port.pot(axis, 1.5)
     generation = int(harness.record.bias_generation[0])
-    command = harness.ask("bias_encoders", 1970)
+    command = harness.ask("bias_encoders", 200)
     assert command.outcome == "accepted"
-    harness.run(1000)
+    harness.run(100)
     assert harness.record.biasing[0]
     assert not harness.record.biased[0]
-    harness.run(1000)
+    harness.run(110)
     assert command.outcome == "done"
     assert harness.record.biased[0]
     assert not harness.record.biasing[0]
     assert harness.record.bias_generation[0] == generation + 1
     np.testing.assert_allclose(harness.record.position, harness.record.pot_position, atol=1e-5)
     np.testing.assert_allclose(harness.record.position, 1.5, atol=5e-5)
-
-
-def test_the_mean_of_1970_equal_samples_is_that_sample() -> None:
-    exact = Potentiometer(Linear(1.0 / 16384.0), Linear(1.0))  # 1.5 is a whole number of its bits
-    harness = IoHarness(preset=False, robots=(with_actuators(robot("PSM1", 0), potentiometer=exact),))
-    harness.port.live[:, blocks.ADC] = 24576 << 16 | 0x8000
-    assert harness.ask("bias_encoders", -1970).outcome == "accepted"
-    harness.run(2000)
-    assert harness.record.biased[0]
-    np.testing.assert_allclose(harness.record.position, 1.5, rtol=1e-12)  # the reference: 1.4992386787
 
 
 def test_motion_during_the_bias_does_no_harm() -> None:
@@ -63,9 +51,9 @@ def test_encoders_that_failed_to_be_set_are_preset_no_more() -> None:
     harness = IoHarness(preset=True)
     harness.port.pot(2, 0.7)
     harness.port.lost_writes = 1000
-    assert harness.ask("bias_encoders", 10).outcome == "accepted"
+    command = harness.ask("bias_encoders", 10)
     harness.run(30)
-    assert not harness.record.biased[0]
+    assert command.outcome == "failed" and not harness.record.biased[0]
     assert harness.codes == ["bias-failed"]
     assert harness.ask("bias_encoders", -10).outcome == "accepted", "not done at once: they are set anew"
     harness.port.lost_writes = 0
@@ -82,17 +70,6 @@ def test_a_lost_preload_is_written_again() -> None:
     harness.run(20)
     assert command.outcome == "done"
     assert harness.record.position[2] == pytest.approx(0.7, abs=1e-4)
-
-
-def test_encoders_that_take_nothing_fail_the_bias() -> None:
-    harness = IoHarness(preset=False)
-    harness.port.pot(2, 0.7)
-    harness.port.lost_writes = 1000
-    command = harness.ask("bias_encoders", 10)
-    harness.run(30)
-    assert command.outcome == "failed"
-    assert harness.codes == ["bias-failed"]
-    assert not harness.record.biased[0]
 
 
 def test_an_axis_that_is_left_out_is_set_by_itself() -> None:
@@ -134,8 +111,7 @@ def test_an_encoder_is_not_set_to_what_makes_no_sense(values: tuple[float, ...],
 
 
 def test_an_encoder_is_not_set_under_the_joint_controller() -> None:
-    harness = IoHarness()
-    harness.control()
+    harness = IoHarness().control()
     assert "joint controller is on" in harness.ask("set_encoder", 6, 0.1).answers[0][1]
     harness.ask("pid_enable", 0)
     setting = harness.ask("set_encoder", 6, 0.1)
@@ -145,8 +121,7 @@ def test_an_encoder_is_not_set_under_the_joint_controller() -> None:
 
 
 def test_an_encoder_of_an_axis_that_applies_efforts_is_set_while_the_others_hold() -> None:
-    harness = IoHarness()
-    harness.control()
+    harness = IoHarness().control()
     record = harness.record
     harness.send(1, in_effort=[False] * 6 + [True] * 2, position=0.0, effort=0.0)
     harness.run(3)
@@ -161,8 +136,7 @@ def test_an_encoder_of_an_axis_that_applies_efforts_is_set_while_the_others_hold
 
 @pytest.mark.parametrize("cycles_before", range(2, 6))
 def test_an_arm_that_goes_silent_while_an_encoder_is_set_does_not_make_it_jump(cycles_before: int) -> None:
-    harness = IoHarness()
-    harness.control()
+    harness = IoHarness().control()
     harness.ask("tracking_check", 1)
     record = harness.record
     harness.send(1, in_effort=[False] * 6 + [True] * 2, position=0.0, effort=0.0)
@@ -219,18 +193,3 @@ def test_start_switches_power_off_and_reads_preloads() -> None:
             port.registers[board, registers.axis_register(axis, registers.ENCODER_PRELOAD)] = 0x800123
     assert prepare(robots, port).tolist() == [False] * 7 + [True] * 7
     assert port.quadlets[0] == (0x3F, registers.STATUS, 0x00080F00)
-
-
-def test_start_refuses_boards_that_are_not_there() -> None:
-    with pytest.raises(PortError, match="board 2 does not answer"):
-        prepare(Robots(document(2)), FakePort((0, 1)))
-
-
-def test_buttons_become_events() -> None:
-    harness = IoHarness()
-    harness.run(2)
-    harness.core.reports.events.clear()
-    harness.port.live[0, 2] |= np.uint32(1)
-    harness.run(2)
-    assert [(e.kind, e.text, e.component) for e in harness.core.reports.events] == [("button", "pressed", "clutch")]
-    assert harness.record.input[0]

@@ -20,9 +20,7 @@ def harness() -> IoHarness:
     """Seven actuators on boards 0 and 1; the last channel of board 1 and board 2 hold brakes."""
     first, second = brake(3, TIMES[0]), Brake(2, 0, Linear(5242.88, 32768.0), Linear(12.5 / 65536, -6.25), 0.3, 0.4,
                                               TIMES[1], 0.1, 0.02)
-    made = IoHarness(robots=(robot("PSM1", 0, brakes=(first, second)),), period_s=1 / 1024)
-    made.control()
-    return made
+    return IoHarness(robots=(robot("PSM1", 0, brakes=(first, second)),), period_s=1 / 1024).control()
 
 
 def currents(harness: IoHarness) -> list[float]:
@@ -108,8 +106,7 @@ def test_too_much_current_in_a_brake_cuts_power(harness: IoHarness) -> None:
 
 
 def test_brakes_are_refused_without_power_and_where_there_are_none() -> None:
-    plain = IoHarness()
-    plain.power()
+    plain = IoHarness().power()
     assert plain.ask("brake_release").answers[-1] == ("refused", "it has no brakes")
     braked = IoHarness(robots=(robot("PSM1", 0, brakes=(brake(3, 0.5),)),))
     assert braked.ask("brake_release").answers[-1] == ("refused", "its amplifiers are not on")

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import stock
-from tests.io.boards_harness import BoardsHarness
+from tests.io.boards_harness import COARSE, rig_of
 from tests.io.harness import IoHarness
-from trocar.procs.config import load_system
 from trocar.procs.fpga import registers
 
 
@@ -25,8 +23,7 @@ def test_calibration_mode_is_told_and_shown(on: bool) -> None:
 
 @pytest.mark.parametrize("on", [True, False])
 def test_potentiometers_are_not_compared_while_they_are_calibrated(on: bool) -> None:
-    harness = IoHarness(calibration_mode=on)
-    harness.control()
+    harness = IoHarness(calibration_mode=on).control()
     asked = harness.ask("pot_check", 1)
     assert asked.outcome == "done" and ("not compared" in asked.answers[-1][1]) is on
     assert bool(harness.record.pot_check[0]) is not on
@@ -49,18 +46,10 @@ def test_more_current_is_let_pass_with_the_amplifier_off(current: float, calibra
     assert harness.codes == (["current"] if trips else [])
 
 
-def test_a_classic_arm_is_powered_and_held_as_ever() -> None:
-    harness = IoHarness(calibration_mode=True)
-    harness.control()
-    assert harness.record.amp_on.all() and harness.record.pid_enabled[0] and harness.codes == []
-
-
 @pytest.mark.slow
 def test_an_si_arm_gets_power_for_its_brakes_only() -> None:
-    loaded = load_system(stock.find("dvrk-site/jhu-daVinci-Si/system-PSM1.json"), search=[stock.find("dvrk-share")],
-                         boards="emulated", sets=["calibration_mode=true", "io.period_s=0.002"])
-    assert loaded.system is not None and loaded.system.io("IO1").calibration_mode
-    harness = BoardsHarness(loaded.system)
+    harness = rig_of("jhu-daVinci-Si/system-PSM1", (*COARSE, "calibration_mode=true"))
+    assert harness.io.calibration_mode
     assert harness.do("power_on", "PSM1").outcome == "done"
     warned = [event.code for event in harness.events if event.kind == "warning"]
     assert warned == ["calibration-mode", "calibration-motors"]
@@ -78,11 +67,8 @@ def test_an_si_arm_gets_power_for_its_brakes_only() -> None:
 
 @pytest.mark.slow
 def test_a_reading_without_a_position_cuts_nothing_while_tables_are_made() -> None:
-    loaded = load_system(stock.find("dvrk-site/jhu-daVinci-Si/system-PSM1.json"), search=[stock.find("dvrk-share")],
-                         boards="emulated", sets=["calibration_mode=true"])
-    assert loaded.system is not None
-    harness = BoardsHarness(loaded.system)
+    harness = rig_of("jhu-daVinci-Si/system-PSM1", (*COARSE, "calibration_mode=true"))
     harness.core.samples.pots.tables[...] = np.nan
     assert harness.do("power_on", "PSM1").outcome == "done" and harness.do("pot_check", "PSM1", 1).outcome == "done"
-    harness.run(0.5)
+    harness.run(0.2)
     assert harness.errors() == [] and harness.record.relay[0]

@@ -7,10 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests import stock
-from tests.io.boards_harness import BoardsHarness
+from tests.io.boards_harness import BoardsHarness, rig_of
 from tests.io.harness import IoHarness, robot
-from trocar.procs.config import load_system
 from trocar.procs.document.system import Brake, Linear
 
 AMOUNT_A, LAST_S = 0.5, 10 / 1024
@@ -68,8 +66,8 @@ def test_one_good_cycle_forgives_a_difference() -> None:
 
 def test_a_brake_is_compared_too_and_told_after_the_actuators() -> None:
     brake = Brake(1, 3, Linear(5242.88, 32768.0), Linear(12.5 / 65536, -6.25), 1.5, 1.2, 0.5, 0.9, 0.0)
-    harness = IoHarness(robots=(robot("PSM1", 0, brakes=(brake,)),), current_error_a=AMOUNT_A, current_error_s=LAST_S)
-    harness.control()
+    harness = powered(robots=(robot("PSM1", 0, brakes=(brake,)),))
+    harness.ask("pid_enable", 1)
     harness.ask("brake_release")
     harness.run(12)
     (event,) = [e for e in harness.core.reports.events if e.kind == "error"]
@@ -108,23 +106,21 @@ def test_a_difference_that_is_not_a_number_is_one() -> None:
 
 
 def test_nothing_is_compared_unless_asked() -> None:
-    harness = IoHarness()
-    harness.power()
+    harness = IoHarness().power()
     harness.port.current(5, -0.6)
-    harness.run(1000)
+    harness.run(100)
     assert harness.codes == []
 
 
 @pytest.mark.slow
 def test_emulated_robots_keep_to_the_tolerance_of_their_boards() -> None:
     """What the controllers' own check allows (0.44 A for 50 ms) bothers no healthy robot, also with brakes let go."""
-    found = stock.find("dvrk-site/jhu-daVinci-Si/system-PSM1.json")
-    loaded = load_system(found, search=[stock.find("dvrk-share")], boards="emulated")
-    assert loaded.system is not None and loaded.system.emulation is not None
-    checked = dataclasses.replace(loaded.system.emulated().ios[0], current_error_a=0.44, current_error_s=0.05)
-    harness = BoardsHarness(dataclasses.replace(loaded.system,
-                                                emulation=dataclasses.replace(loaded.system.emulation, ios=(checked,))))
-    for name, *values in (("power_on",), ("bias_encoders", 300), ("pid_enable", 1), ("brake_release",)):
+    system = rig_of("jhu-daVinci-Si/system-PSM1").system
+    assert system.emulation is not None
+    checked = dataclasses.replace(system.emulated().ios[0], current_error_a=0.44, current_error_s=0.05)
+    emulation = dataclasses.replace(system.emulation, ios=(checked,))
+    harness = BoardsHarness(dataclasses.replace(system, emulation=emulation))
+    for name, *values in (("power_on",), ("bias_encoders", 30), ("pid_enable", 1), ("brake_release",)):
         assert harness.do(name, "PSM1", *values).outcome == "done"
     harness.run(2.0)
     assert harness.errors() == [] and harness.record.amps_on[0]

@@ -30,8 +30,7 @@ def test_what_was_told_is_told_again_when_it_comes_back() -> None:
             ("potentiometer", lambda h: h.port.pot(3, 0.1), 11),
             ("encoder-overflow", lambda h: h.port.live.__setitem__(
                 (0, blocks.POSITION.start + 2), 0x800000 | registers.ENCODER_OVERFLOW), 1)):
-        harness = braked()
-        harness.power()
+        harness = braked().power()
         harness.ask("pot_check", 1)
         for _ in range(2):
             breaks(harness)
@@ -48,8 +47,7 @@ def test_what_was_told_is_told_again_when_it_comes_back() -> None:
 @pytest.mark.parametrize(("celsius", "codes"), [(60.0, []), (60.5, ["temperature-high"]), (65.0, ["temperature-high"]),
                                                 (65.5, ["temperature"])])
 def test_a_warm_amplifier_is_a_warning_every_two_minutes(celsius: float, codes: list[str]) -> None:
-    harness = braked()
-    harness.power()
+    harness = braked().power()
     harness.core.reports.events.clear()
     harness.port.live[1, blocks.TEMPERATURE] = 60 << 8 | round(celsius * 2)
     harness.run(1)
@@ -84,10 +82,10 @@ def test_limits_that_are_enforced_later_do_not_move_what_is_held() -> None:
 
 
 def test_how_long_an_arm_was_away_is_told() -> None:
-    harness = IoHarness(arm_lost_s=1.0, arm_lost_power_off_s=2.0)
-    harness.control()
+    harness = IoHarness(arm_lost_s=1.0, arm_lost_power_off_s=2.0).control()
     harness.arms_alive = False
     harness.run_s(2.2)
+    assert not harness.record.power_requested[0]
     told = [(event.code, event.value, event.limit) for event in harness.core.reports.events if event.kind == "error"]
     assert [row[0] for row in told] == ["arm-lost", "arm-lost-power-off"]
     assert [row[1] for row in told] == pytest.approx([1.0, 2.0], abs=0.002) and [row[2] for row in told] == [1.0, 2.0]
@@ -95,8 +93,7 @@ def test_how_long_an_arm_was_away_is_told() -> None:
 
 def test_a_setpoint_counts_to_the_end_of_its_time_and_no_further_into_the_future() -> None:
     for lag_ns, fresh in ((30 * MS, True), (30 * MS + 1, False), (-30 * MS, True), (-30 * MS - 1, False)):
-        harness = IoHarness()
-        harness.control()
+        harness = IoHarness().control()
         harness.arms_alive = False
         harness.send(1, position=0.1)
         arm = harness.arms[0]
@@ -118,8 +115,7 @@ def test_an_axis_that_only_io_has_may_overflow() -> None:
 
 
 def test_efforts_are_taken_up_anew_after_each_enable() -> None:
-    harness = IoHarness()
-    harness.control()
+    harness = IoHarness().control()
     harness.send(1, in_effort=True, effort=0.4)
     harness.run(2)
     assert harness.record.effort_mode.all()
@@ -132,8 +128,7 @@ def test_efforts_are_taken_up_anew_after_each_enable() -> None:
 
 
 def test_who_goes_over_to_efforts_beyond_its_limits_is_not_clipped() -> None:
-    harness = IoHarness()
-    harness.control()
+    harness = IoHarness().control()
     harness.ask("enforce_limits", 1)
     harness.send(1, position=0.1)
     harness.run(2)
@@ -167,9 +162,8 @@ def test_a_watchdog_that_stays_is_a_fault_after_a_fifth_of_a_second() -> None:
 
 
 def test_an_event_names_the_first_of_several_boards() -> None:
-    harness = IoHarness()
-    harness.power()
-    harness.run_s(3.1)
+    harness = IoHarness().power()
+    harness.pass_s(3.1)
     harness.port.has_supply = False
     harness.run(3)
     (event,) = [event for event in harness.core.reports.events if event.code == "power-lost"]
@@ -214,8 +208,7 @@ def test_a_robot_without_a_joint_controller_has_no_setpoints() -> None:
 def test_an_axis_without_encoder_or_potentiometer_has_nothing_to_compare() -> None:
     rows = [actuator(axis // 4, axis % 4) for axis in range(7)]
     rows[1], rows[2] = actuator(0, 1, encoder=None), actuator(0, 2, potentiometer=None)
-    harness = IoHarness(robots=(robot("PSM1", 0, actuators=tuple(rows)),), pids=())
-    harness.power()
+    harness = IoHarness(robots=(robot("PSM1", 0, actuators=tuple(rows)),), pids=()).power()
     harness.ask("pot_check", 1)
     for axis in (1, 2):
         harness.port.pot(axis, 0.5)
@@ -227,8 +220,7 @@ def test_an_axis_without_encoder_or_potentiometer_has_nothing_to_compare() -> No
 
 
 def test_each_enable_holds_where_the_robot_is_beyond_its_limits_too() -> None:
-    harness = IoHarness()
-    harness.control()
+    harness = IoHarness().control()
     harness.ask("enforce_limits", 1)
     harness.send(1, position=0.1)
     harness.run(2)

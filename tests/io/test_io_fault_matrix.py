@@ -26,6 +26,7 @@ from tests.io.fault_rows import (
     is_off,
     lose_packets,
     lose_supply,
+    relays_open,
     reported,
     working,
     zero_current,
@@ -37,46 +38,38 @@ from trocar.procs.tables.codes import FAULTS
 
 
 @pytest.mark.parametrize("row", ROWS, ids=str)
-def test_nothing_happens_before_its_cycle(row: FaultRow) -> None:
+def test_in_its_cycle_outputs_go_off_before_anything_is_written(row: FaultRow) -> None:
+    """And not before; a button that is pressed in that cycle is reported all the same."""
     harness = working(row.made())
     row.breaks(harness)
     harness.run(row.cycle - 1)
     assert harness.codes == [] and harness.record.pid_enabled[0] and harness.record.power_requested[0]
     assert brake_a(harness) == RELEASED_A and harness.record.fault[0] == 0
-    assert zero_current(harness) == (row.code == "bad-reads")  # what was worked out from an old sample has faded out
-
-
-@pytest.mark.parametrize("row", ROWS, ids=str)
-def test_in_its_cycle_outputs_go_off_before_anything_is_written(row: FaultRow) -> None:
-    harness = working(row.made())
-    row.breaks(harness)
-    harness.run(row.cycle)
+    is_read = row.code != "bad-reads"
+    assert zero_current(harness) != is_read  # what was worked out from an old sample has faded out
+    harness.port.live[0, blocks.DIGITAL_INPUT] |= BUTTON
+    harness.run(1)
     assert not harness.record.pid_enabled[0] and zero_current(harness)
     assert brake_a(harness) == ENGAGED_A and not harness.record.brakes_released[0]
     assert harness.record.power_requested[0] == harness.record.amp_enabled.all() == row.powered
     assert is_off(harness) != row.powered
-    opened = harness.port.sent[-1][:, 4] & registers.CONTROL_RELAY_MASK == registers.CONTROL_RELAY_OFF
-    assert opened.all() != row.relay
+    assert relays_open(harness) != row.relay
     assert harness.record.fault[0] == NUMBERS[row.code]
+    assert reported(harness) == [*row.before, row.code, *row.after, *["pressed"] * is_read]
+    assert harness.record.input[0] == harness.record.valid == is_read
 
 
 @pytest.mark.parametrize("row", ROWS, ids=str)
 def test_it_is_told_once_with_its_axis_and_in_order(row: FaultRow) -> None:
+    """Until an operator powers the robot again after the cause was removed."""
     harness = working(row.made())
     row.breaks(harness)
     harness.run(row.cycle)
     assert reported(harness) == [*row.before, row.code, *row.after]
     event = next(e for e in harness.core.reports.events if e.code == row.code)
     assert (event.component, event.axis, event.kind) == ("PSM1", row.axis, "error")
-    harness.run(1000)
+    harness.run(200)
     assert harness.codes == [row.code]
-
-
-@pytest.mark.parametrize("row", ROWS, ids=str)
-def test_a_person_brings_it_back(row: FaultRow) -> None:
-    harness = working(row.made())
-    row.breaks(harness)
-    harness.run(row.cycle + 500)
     assert harness.ask("pid_enable", 1).outcome == "refused", "the fault is latched"
     heal(harness)
     harness.run(2)
@@ -93,17 +86,18 @@ def test_a_person_brings_it_back(row: FaultRow) -> None:
     assert harness.record.fault[0] == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("row", ROWS, ids=str)
 def test_it_is_told_again_after_power_was_asked_for_in_vain(row: FaultRow) -> None:
     """Except where io or the boards have put it right by then, and where only the joint controller makes it."""
     harness = working(row.made())
     row.breaks(harness)
-    harness.run(row.cycle + 500)
+    harness.run(row.cycle + 50)
     harness.core.reports.events.clear()
     harness.ask("power_off")
     command = harness.ask("power_on")
-    harness.run_s(3.1)
+    harness.run_s(0.15)
+    harness.pass_s(3.0)
+    harness.run_s(0.1)
     if row.code in ("not-finite", "encoder-overflow", "watchdog"):
         assert command.outcome == "done" and harness.codes == []
         return
@@ -113,34 +107,16 @@ def test_it_is_told_again_after_power_was_asked_for_in_vain(row: FaultRow) -> No
 
 
 @pytest.mark.parametrize("row", ROWS, ids=str)
-def test_power_and_controller_asked_for_in_its_cycle_are_refused_or_undone(row: FaultRow) -> None:
-    harness = working(row.made())
-    row.breaks(harness)
-    harness.run(row.cycle - 1)
-    harness.ask("power_on")
-    assert harness.record.power_requested[0] == row.powered and not harness.record.pid_enabled[0]
-    assert harness.record.fault[0] == NUMBERS[row.code]
-
-
-@pytest.mark.parametrize("row", [row for row in ROWS if not row.powered], ids=str)
-def test_a_command_that_its_cycle_undoes_fails_with_the_reason(row: FaultRow) -> None:
+def test_power_asked_for_in_its_cycle_is_undone_with_the_reason(row: FaultRow) -> None:
     harness = working(row.made())
     row.breaks(harness)
     harness.run(row.cycle - 1)
     command = harness.ask("power_on")
-    assert command.outcome == "failed"
-    assert command.answers[-1][1].startswith(next(f.cause for f in FAULTS if f.code == row.code))
-
-
-@pytest.mark.parametrize("row", [row for row in ROWS if row.code != "bad-reads"], ids=str)
-def test_a_button_in_its_cycle_is_told(row: FaultRow) -> None:
-    harness = working(row.made())
-    row.breaks(harness)
-    harness.run(row.cycle - 1)
-    harness.port.live[0, blocks.DIGITAL_INPUT] |= BUTTON
-    harness.run(1)
-    assert reported(harness) == [*row.before, row.code, *row.after, "pressed"]
-    assert harness.record.input[0] and harness.record.valid
+    assert harness.record.power_requested[0] == row.powered and not harness.record.pid_enabled[0]
+    assert harness.record.fault[0] == NUMBERS[row.code]
+    assert row.powered or command.outcome == "failed"
+    cause = next(fault.cause for fault in FAULTS if fault.code == row.code)
+    assert row.powered or command.answers[-1][1].startswith(cause)
 
 
 PAIRS = [(a, b) for a, b in itertools.combinations(ROWS, 2) if "bad-reads" not in (a.code, b.code)
@@ -169,10 +145,9 @@ def test_two_faults_of_one_cycle_are_both_told_and_the_stronger_acts(one: FaultR
     assert harness.record.fault[0] == NUMBERS[harness.codes[0]]
     assert not harness.record.pid_enabled[0] and zero_current(harness) and brake_a(harness) == ENGAGED_A
     assert harness.record.power_requested[0] == (one.powered and other.powered)
-    opened = harness.port.sent[-1][:, 4] & registers.CONTROL_RELAY_MASK == registers.CONTROL_RELAY_OFF
-    assert opened.all() == (not (one.relay and other.relay))
+    assert relays_open(harness) != (one.relay and other.relay)
     reported_before = reported(harness)
-    harness.run(500)
+    harness.run(100)
     assert reported(harness)[: len(reported_before)] == reported_before and sorted(harness.codes) == sorted(codes)
 
 
@@ -189,24 +164,26 @@ def test_a_fault_in_the_cycle_of_the_last_bad_packet_is_told_with_the_next_good_
 
 
 def test_power_loss_before_3_s_waits_for_them_where_nothing_is_held() -> None:
-    harness = braked()
-    harness.power()
+    harness = braked().power()
     harness.core.reports.events.clear()
     lose_supply(harness)
-    harness.run_s(2.9)
+    harness.run_s(0.1)
+    harness.pass_s(2.8)
+    harness.run(2)
     assert reported(harness) == ["power lost"] and harness.record.power_requested[0]
-    harness.run_s(0.2)
+    harness.run_s(0.1)
     assert reported(harness) == ["power lost", "power-lost", "power off"] and is_off(harness)
 
 
 def test_power_loss_before_3_s_that_ends_in_time_is_told_and_nothing_else() -> None:
-    harness = braked()
-    harness.power()
+    harness = braked().power()
     harness.core.reports.events.clear()
     lose_supply(harness)
-    harness.run_s(1.0)
+    harness.run_s(0.1)
     harness.port.has_supply = True
-    harness.run_s(2.5)
+    harness.run_s(0.1)
+    harness.pass_s(3.0)
+    harness.run_s(0.1)
     assert reported(harness)[:2] == ["power lost", "powered"] and harness.codes in ([], ["amplifier"])
 
 
@@ -221,8 +198,7 @@ def test_power_loss_before_3_s_acts_at_once_where_an_arm_is_held() -> None:
 @pytest.mark.parametrize("row", [row for row in ROWS if row.code in ("temperature", "potentiometer", "current")],
                          ids=str)
 def test_power_lost_in_the_grace_time_and_in_the_cycle_of_a_fault_is_told(row: FaultRow) -> None:
-    harness = braked()
-    harness.power()
+    harness = braked().power()
     harness.ask("pot_check", 1)
     harness.core.reports.events.clear()
     row.breaks(harness)
@@ -252,7 +228,7 @@ def test_faults_of_several_axes_are_all_named() -> None:
     assert "also axis 5" in next(e.text for e in harness.core.reports.events if e.code == "current")
 
 
-def test_another_robot_goes_on() -> None:
+def test_another_robot_keeps_running() -> None:
     harness = IoHarness(2)
     for name in ("PSM1", "PSM2"):
         harness.control(name)

@@ -11,9 +11,7 @@ from trocar.procs.document.gains import GAINS, value_of
 
 @pytest.fixture
 def harness() -> IoHarness:
-    made = IoHarness()
-    made.control()
-    return made
+    return IoHarness().control()
 
 
 def reported(harness: IoHarness) -> list[tuple[str, int, str]]:
@@ -91,8 +89,7 @@ def test_what_makes_no_sense_is_refused_and_nothing_changes(
 
 
 def test_one_bad_axis_refuses_all_of_a_change() -> None:
-    harness = IoHarness()
-    harness.control()
+    harness = IoHarness().control()
     harness.ask("set_gains", 4, 0.1, robot="PSM1 p_gain")
     refused = harness.ask("set_gains", -1, 5.0, robot="PSM1 p_gain")
     assert "axis 4: p_gain 5 is more than 10 times" in refused.answers[0][1]

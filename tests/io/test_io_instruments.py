@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import random
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests import stock
 from tests.examples import examples
-from tests.io.boards_harness import BoardsHarness
+from tests.io.boards_harness import rig_of
 from tests.io.harness import FakeCommand, document
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.boards.devices.dallas import Dallas, instrument_memory
-from trocar.procs.config import load_system
 from trocar.procs.document.system import InstrumentReader
 from trocar.procs.fpga import instrument, registers
 from trocar.procs.fpga.instrument import CHUNK_BYTES, RECORD_AT, Instrument, instrument_of
@@ -42,7 +42,8 @@ class InstrumentBench:
         self.asked = self.waited = self.most_at_once = 0
         rows = tuple(InstrumentReader(f"PSM{1 + k}_dallas", 6 + k) for k in range(readers))
         self.reports = IoReports()
-        self.reader = InstrumentReaders(Robots(document(instrument_readers=rows)), self, self.reports)  # type: ignore[arg-type]
+        data: Any = SimpleNamespace(robots=Robots(document(instrument_readers=rows)), port=self, reports=self.reports)
+        self.reader = InstrumentReaders(data, None)
 
     @property
     def chip(self) -> Dallas:
@@ -258,10 +259,7 @@ def test_askers_share_a_reading_and_readers_take_turns() -> None:
 
 @pytest.mark.slow
 def test_a_real_site_reads_its_instrument_while_it_holds() -> None:
-    loaded = load_system(stock.find("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json"),
-                         search=[stock.find("dvrk-share")], boards="emulated")
-    assert loaded.system is not None
-    harness = BoardsHarness(loaded.system)
+    harness = rig_of("jhu-dVRK/system-MTML-PSM1-Teleop")
     bus, local = BoardFaults(harness.world, harness.plant).board(harness.world.wiring.rows["IO1", 7])
     chip = bus.boards[local].dallas
     chip.insert(LND, bus.now)

@@ -14,15 +14,15 @@ def test_who_hears_of_a_fault_or_a_button_finds_the_record_to_it() -> None:
     events = [IoEvent("button", "pressed", "pressed", "coag", value=0.0),
               IoEvent("error", "hot", "temperature", "PSM1")]
     loop: Any = IoLoop.__new__(IoLoop)
-    loop.node = SimpleNamespace(events=SimpleNamespace(emit=lambda kind, *_, **__: seen.append(kind)))
+    loop.node = SimpleNamespace(wall_ns=0, events=SimpleNamespace(emit=lambda kind, *_, **__: seen.append(kind)))
     loop._core = SimpleNamespace(cycle=lambda commands: None, stamp_ns=1, good=False,
                                  reports=SimpleNamespace(events=events, changed=set(), detached=[]))
     loop._mailbox = SimpleNamespace(has_news=False)
     loop._out = SimpleNamespace(publish=lambda stamp_ns: seen.append("record"))
     loop._others = {}
     loop._subscriptions = SimpleNamespace(look=lambda: False)
-    loop._consoles = [SimpleNamespace(wake=lambda: seen.append("console woken"))]
-    loop.cycle(1, 0)
-    assert seen == ["error", "record", "button", "console woken"] and not events
-    loop.cycle(2, 0)
+    loop._woken = [SimpleNamespace(wake=lambda: seen.append("woken"))]
+    loop.update()
+    assert seen == ["error", "record", "button", "woken"] and not events
+    loop.update()
     assert seen[4:] == ["record"]

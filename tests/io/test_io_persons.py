@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.guarded import FakeCell
 from tests.io.harness import FakeCommand, IoHarness
 from trocar.procs.tables import codes
@@ -10,7 +12,7 @@ from trocar.shm.mailbox.origins import Origin
 
 def harness() -> tuple[IoHarness, FakeCell]:
     made, cell = IoHarness(), FakeCell()
-    made.core._commands._faults[:] = [cell]
+    made.core.parts.faults[:] = [cell]
     return made, cell
 
 
@@ -23,19 +25,22 @@ def asked(made: IoHarness, name: str, generation: int, *values: float) -> str:
 def test_a_fault_with_power_on_voids_what_was_asked_for_before() -> None:
     made, cell = harness()
     assert asked(made, "power_on", 0) == "accepted"
-    made.run_s(1.0)
+    made.run(20)
     assert made.record.amps_on[0] and cell.valid_from == 0
     made.core.reports.trip(codes.POWER_LOST, 0)
     made.run()
     assert cell.valid_from == 1 and not made.record.power_requested[0]
     assert asked(made, "power_on", 0) == "refused" and asked(made, "bias_encoders", 0, 10.0) == "refused"
     assert asked(made, "power_off", 0) == "done" and asked(made, "pid_enable", 0, 0.0) == "done"
-    assert asked(made, "power_on", 1) == "accepted"
+    assert asked(made, "power_on", 1) == "refused", "a stop by a void command makes it valid no more than it was"
+    assert asked(made, "power_on", cell.valid_from) == "accepted"
 
 
-def test_power_that_does_not_come_may_be_asked_for_once_more() -> None:
+@pytest.mark.parametrize("code", [codes.POWER_TIMEOUT, codes.AMPLIFIER])
+def test_power_that_does_not_come_is_requested_again_only_by_a_later_command(code: codes.Code) -> None:
     made, cell = harness()
     asked(made, "power_on", 0)
-    made.core.reports.trip(codes.POWER_TIMEOUT, 0)
+    made.core.reports.trip(code, 0)
     made.run()
-    assert cell.valid_from == 0 and asked(made, "power_on", 0) == "accepted"
+    assert asked(made, "power_on", 0) == "refused" and not made.record.power_requested[0]
+    assert asked(made, "power_on", cell.valid_from) == "accepted"

@@ -60,8 +60,7 @@ def test_a_task_sees_the_sample_of_its_robot(tmp_path) -> None:
 
 
 def test_its_efforts_are_added_in_the_same_cycle(tmp_path) -> None:
-    harness = TaskHarness(tmp_path, "effort[...] = 3.0 * sample.position")
-    harness.control()
+    harness = TaskHarness(tmp_path, "effort[...] = 3.0 * sample.position").control()
     harness.send(1, position=0.1)
     harness.port.place(0, 0.05)
     harness.run(1)
@@ -70,23 +69,20 @@ def test_its_efforts_are_added_in_the_same_cycle(tmp_path) -> None:
 
 
 def test_efforts_start_from_zero_in_every_cycle(tmp_path) -> None:
-    harness = TaskHarness(tmp_path, "effort[0] += 0.1")
-    harness.control()
+    harness = TaskHarness(tmp_path, "effort[0] += 0.1").control()
     harness.run(5)
     np.testing.assert_allclose(harness.record.setpoint_effort, [0.1, 0, 0, 0, 0, 0, 0], atol=1e-12)
 
 
 def test_no_task_can_exceed_the_limits(tmp_path) -> None:
-    harness = TaskHarness(tmp_path, "effort[:4] = 1e300\neffort[4:] = -1e300")
-    harness.control()
+    harness = TaskHarness(tmp_path, "effort[:4] = 1e300\neffort[4:] = -1e300").control()
     harness.run(1)
     assert harness.record.setpoint_effort.tolist() == [2.0] * 4 + [-2.0] * 3
     assert harness.record.current_request.tolist() == [1.0] * 4 + [-1.0] * 3
 
 
 def test_nothing_is_added_while_the_joint_controller_is_off(tmp_path) -> None:
-    harness = TaskHarness(tmp_path, "effort[...] = 1.0")
-    harness.power()
+    harness = TaskHarness(tmp_path, "effort[...] = 1.0").power()
     harness.run(3)
     assert harness.mine[0].steps > 3 and not harness.mine[0].sample.enabled
     assert (harness.record.setpoint_effort == 0.0).all() and (harness.currents == 0x8000).all()
@@ -104,8 +100,7 @@ def test_tasks_of_several_robots_do_not_meet(tmp_path) -> None:
 @pytest.mark.parametrize("name", ["position", "velocity", "current", "setpoint_position", "setpoint_velocity",
                                   "setpoint_effort", "effort_mode", "at_limit"])
 def test_the_sample_cannot_be_written(tmp_path, name) -> None:
-    harness = TaskHarness(tmp_path, f"sample.{name}[...] = 1")
-    harness.control()
+    harness = TaskHarness(tmp_path, f"sample.{name}[...] = 1").control()
     harness.run(2)
     assert harness.mine[0].steps == 1
     (text,) = harness.reported
@@ -121,8 +116,7 @@ def test_the_sample_cannot_be_written(tmp_path, name) -> None:
     ("effort[7] = 1.0", "IndexError"),
 ])
 def test_a_task_that_fails_is_detached_and_the_controller_goes_on(tmp_path, body, text) -> None:
-    harness = TaskHarness(tmp_path, _late(body))
-    harness.control()
+    harness = TaskHarness(tmp_path, _late(body)).control()
     harness.send(1, position=0.1)
     while harness.mine[0].steps < 20:
         harness.run(1)
@@ -142,8 +136,8 @@ def _late(body: str) -> str:
 
 
 def test_over_budget_so_many_times_is_the_end(tmp_path) -> None:
-    harness = TaskHarness(tmp_path, "effort[...] = 0.5\nself.clock.ns += 60_000", budget_s=50e-6, over_budget=10)
-    harness.control()
+    body = "effort[...] = 0.5\nself.clock.ns += 60_000"
+    harness = TaskHarness(tmp_path, body, budget_s=50e-6, over_budget=10).control()
     assert harness.reported and harness.mine[0].steps == 10
     event = next(e for e in harness.core.reports.events if e.code == "task-over-budget")
     assert event.component == "PSM1" and event.value == pytest.approx(60e-6) and event.limit == pytest.approx(50e-6)
@@ -162,8 +156,8 @@ def test_a_long_reason_does_not_crowd_out_the_hint(tmp_path, body) -> None:
 
 @pytest.mark.parametrize(("every", "detached"), [(2, True), (FORGIVEN_AFTER, True), (FORGIVEN_AFTER + 1, False)])
 def test_now_and_then_over_budget_is_forgiven(tmp_path, every, detached) -> None:
-    harness = TaskHarness(tmp_path, f"if self.steps % {every} == 0:\n    self.clock.ns += 60_000")
-    harness.run(300 * every)
+    harness = TaskHarness(tmp_path, f"if self.steps % {every} == 0:\n    self.clock.ns += 60_000", over_budget=3)
+    harness.run(45 * every)
     assert bool(harness.reported) == detached
 
 
@@ -178,8 +172,7 @@ def test_times_are_told_when_the_joint_controller_goes_off(tmp_path) -> None:
 
 
 def test_after_a_bad_read_no_task_runs(tmp_path) -> None:
-    harness = TaskHarness(tmp_path, "effort[...] = 0.5")
-    harness.control()
+    harness = TaskHarness(tmp_path, "effort[...] = 0.5").control()
     steps, harness.port.good = harness.mine[0].steps, False
     harness.run(2)
     assert harness.mine[0].steps == steps and (harness.record.setpoint_effort == 0.5).all()
@@ -205,8 +198,7 @@ def test_what_cannot_be_attached_is_said_at_the_start(tmp_path, source, name, te
 def test_a_task_may_come_from_an_importable_module(tmp_path, monkeypatch) -> None:
     (tmp_path / "my_lab_task.py").write_text(HEAD + "        effort[...] = 0.5\n")
     monkeypatch.syspath_prepend(tmp_path)
-    harness = IoHarness(tasks=(TaskRow("my_lab_task", "Mine", ("PSM1",)),))
-    harness.control()
+    harness = IoHarness(tasks=(TaskRow("my_lab_task", "Mine", ("PSM1",)),)).control()
     assert (harness.record.setpoint_effort == 0.5).all()
     with pytest.raises(TaskError, match="no_such_module cannot be loaded: ModuleNotFoundError"):
         IoHarness(tasks=(TaskRow("no_such_module", "Mine", ("PSM1",)),))

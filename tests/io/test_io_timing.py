@@ -83,8 +83,7 @@ def test_waiting_in_vain_for_replies_is_not_the_computers_fault() -> None:
 
 
 def test_a_powered_robot_is_stopped_and_can_be_brought_back() -> None:
-    harness = IoHarness()
-    harness.control()
+    harness = IoHarness().control()
     harness.core._timing._start_ns -= 10 * SECOND
     for _ in range(800):
         harness.clock.ns += 500_000

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -59,10 +62,14 @@ def test_one_lost_datagram_is_no_warning() -> None:
     assert harness.port.registers[1, registers.WATCHDOG] == COUNTS and "watchdog-unconfirmed" not in reported(harness)
 
 
+def data_of(harness: IoHarness, port: DeafPort, reports: IoReports) -> Any:
+    return SimpleNamespace(robots=Robots(harness.io), port=port, reports=reports)
+
+
 def test_boards_that_do_not_confirm_are_reported_once_at_the_start() -> None:
     harness, reports = IoHarness(preset=True), IoReports()
     port = DeafPort((0, 1))
-    watchdogs = Watchdogs(Robots(harness.io), port, reports, 0)
+    watchdogs = Watchdogs(data_of(harness, port, reports), 0)
     assert watchdogs.unconfirmed.tolist() == [False, True]
     for cycle in range(1, 1000):
         watchdogs.step(cycle * PERIOD_NS)
@@ -74,18 +81,9 @@ def test_a_board_that_never_confirms_does_not_keep_others_from_it() -> None:
     harness, reports = IoHarness(preset=True), IoReports()
     port = DeafPort((0, 1))
     port.deaf = (0, 1)
-    watchdogs = Watchdogs(Robots(harness.io), port, reports, 0)
+    watchdogs = Watchdogs(data_of(harness, port, reports), 0)
     assert watchdogs.objection(0) == "watchdog period not confirmed by boards 0, 1"
     port.deaf = (0,)
     for cycle in range(1, 3 * RETRY_NS // PERIOD_NS):
         watchdogs.step(cycle * PERIOD_NS)
     assert watchdogs.unconfirmed.tolist() == [True, False]
-
-
-def test_a_board_that_did_not_confirm_is_asked_again_while_nothing_else_happens() -> None:
-    harness = IoHarness(preset=True)
-    harness.port.__class__ = DeafPort
-    leave_and_return(harness, 1)
-    harness.port.deaf = ()
-    harness.run(RETRY_NS // PERIOD_NS + 2)
-    assert not harness.core.parts.watchdogs.unconfirmed.any()

@@ -156,7 +156,7 @@ def test_joints_in_effort_mode_stay_and_their_velocity_is_zero(powered: Kinemati
 
 
 def test_a_slow_loop_is_no_fault_of_a_robot_that_needs_no_control(powered: KinematicStage) -> None:
-    for _ in range(2500):  # 15 s, at a fraction of the rate
+    for _ in range(500):  # 3 s, at a fraction of the rate
         powered.clock.ns += 5 * PERIOD_NS
         powered.run()
     assert powered.codes == [] and powered.record.powered[0] and powered.record.pid_enabled[0]
@@ -178,7 +178,8 @@ def test_dead_arm_leaves_it_holding_and_is_reported(powered: KinematicStage) -> 
     powered.alive = False
     powered.run(40)
     assert powered.record.holding[0] and tuple(powered.record.position) == SEVEN
-    powered.run(3000)
+    powered.clock.ns += 3_000_000_000
+    powered.run(3)
     assert powered.codes == ["arm-lost"] and powered.record.pid_enabled[0] and powered.record.powered[0]
     powered.alive = True
     powered.run()
@@ -224,7 +225,8 @@ def test_setpoint_that_is_not_a_number_switches_off(powered: KinematicStage) -> 
      ("set_encoder", (6.0, 0.0), "it is KINEMATIC: its positions are exact"),
      ("drive_axis", (0.0, 0.1, 1.0, 0.1, 0.0), "it is KINEMATIC: it has no motors"),
      ("supply_on", (1.0,), "it is KINEMATIC: it has no supply"),
-     ("brake_release", (), "no brakes"), ("brake_engage", (), "no brakes")],
+     ("brake_release", (), "no brakes"), ("brake_engage", (), "no brakes"), ("set_output", (1.0,), "none"),
+     *((name, (0.0,), "KINEMATIC") for name in ("lift", "setup_brake", "multiplexer"))],
 )
 def test_what_needs_hardware_is_refused_with_the_reason(powered: KinematicStage, name: str, values,
                                                         reason: str) -> None:
@@ -237,19 +239,6 @@ def test_gains_are_shown_as_zero_and_cannot_be_changed(powered: KinematicStage) 
     powered.run(1, command)
     assert command.outcome == "refused" and "KINEMATIC" in command.answers[-1][1]
     assert not powered.core.parts.gains.record["p_gain"].any()
-
-
-def test_outputs_are_refused_for_there_are_none(stage: KinematicStage) -> None:
-    command = FakeCommand("set_output", "PSM1_led", 1.0)
-    stage.run(1, command)
-    assert command.outcome == "refused" and "none" in command.answers[-1][1]
-
-
-@pytest.mark.parametrize("name", ["lift", "setup_brake", "multiplexer"])
-def test_what_hangs_on_boards_is_refused_for_there_are_none(stage: KinematicStage, name: str) -> None:
-    command = FakeCommand(name, "PSM1", 0.0)
-    stage.run(1, command)
-    assert command.outcome == "refused" and "KINEMATIC" in command.answers[-1][1]
 
 
 def test_restarted_io_finds_the_robot_where_it_was_without_power(powered: KinematicStage) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from tests.io.boards_harness import BoardsHarness, Direct
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import SystemConfig
 from trocar.procs.fpga import registers
 
 pytestmark = pytest.mark.slow
@@ -15,6 +18,14 @@ pytestmark = pytest.mark.slow
 DATAGRAMS = 12
 """Requests and replies from an order on of which each is lost in turn: those of three cycles."""
 ON = registers.STATUS_POWER | registers.STATUS_MV_GOOD | registers.STATUS_RELAY | registers.STATUS_RELAY_FEEDBACK
+
+
+@cache
+def demo() -> SystemConfig:
+    """The demo's PSM."""
+    system = load_system(PROJECT_CONFIGS / "systems" / "demo.yaml").system
+    assert system is not None
+    return system
 
 
 class LosesOne(Direct):
@@ -32,16 +43,14 @@ class LosesOne(Direct):
 
 
 class OneLost(BoardsHarness):
-    """The demo's PSM."""
+    """It and its io, which may lose a datagram."""
 
     link: LosesOne
 
     def __init__(self, lost: int = -1) -> None:
         """`lost`: the datagram of io's start that is lost."""
-        system = load_system(PROJECT_CONFIGS / "systems" / "demo.yaml").system
-        assert system is not None
         self.lost = lost
-        super().__init__(system, driven=True, link=self._link)
+        super().__init__(demo(), driven=True, link=self._link)
         self.start_datagrams = self.link.passed
         self.faults = BoardFaults(self.world, self.plant)
 
@@ -99,11 +108,11 @@ def test_a_board_that_returns_gets_its_watchdog_period_whatever_single_datagram_
     period = harness.words(registers.WATCHDOG).copy()
     for number in range(DATAGRAMS):
         harness.faults.take_away(harness.port.board_ids[-1], True)
-        harness.cycle(count=200)
+        harness.cycle(count=100)
         assert harness.port.away.any()
         harness.faults.take_away(harness.port.board_ids[-1], False)
         harness.link.lose_one(number)
-        harness.cycle(count=400)
+        harness.cycle(count=200)
         assert not harness.port.away.any() and (harness.words(registers.WATCHDOG) == period).all(), number
 
 

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tests import stock
-from tests.io.boards_harness import BoardsHarness
+from tests.io.boards_harness import BoardsHarness, rig_of
 from tests.system.robot import ROOT
 from trocar.procs.config import load_system
 from trocar.procs.fpga import registers
@@ -21,10 +20,7 @@ JOINT = 0
 
 @pytest.fixture
 def harness() -> BoardsHarness:
-    loaded = load_system(stock.find("dvrk-site/jhu-dVRK/system-PSM1.json"), search=[stock.find("dvrk-share")],
-                         boards="emulated")
-    assert loaded.system is not None
-    made = BoardsHarness(loaded.system)
+    made = rig_of("jhu-dVRK/system-PSM1", ())
     made.bring_up("PSM1")
     made.cycle()
     arm = made.arms["PSM1"]

@@ -65,7 +65,7 @@ def test_frames_of_others_are_no_replies():
     with PortBench("eth") as bench, listening() as cable, bench.port(deadline_ms=20) as port:
         port.discover()
         own = cable_address(port)
-        reply = board_side.quadlet_response(0, 1, 7, wire.Trailer())
+        reply = board_side.quadlet_response(0, 1, 7, board_side.Trailer())
         length = len(reply).to_bytes(2, "big")
         board = wire.BOARD_MAC + b"\x02"
         for head in (b"\xff" * 6 + board, own + b"\x02" * 6, board + own):

@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.io.boards_harness import BoardsHarness
-from tests.io.test_real_robots import rig_of
+from tests.io.boards_harness import BoardsHarness, rig_of
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.boards.robots.plant import Plant
 

@@ -7,12 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tests import stock
-from tests.io.boards_harness import BoardsHarness
-from tests.io.test_real_robots import rig_of
+from tests.io.boards_harness import BoardsHarness, rig_of
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.boards.instruments import EmulatedInstruments
-from trocar.procs.config import load_system
 from trocar.procs.kinematics.coupling import coupling
 
 ROLL, STOP = 6, math.radians(-480.0)
@@ -100,9 +97,8 @@ def test_the_roll_of_a_master_is_found_by_its_stop_wherever_it_was(system: str, 
 
 def loaded_psm(system: str, tool: str = "") -> tuple[BoardsHarness, Hand, np.ndarray]:
     """Held at the trocar with the discs at 0, then with an instrument; the range in which that is engaged (2, 4)."""
-    loaded = load_system(stock.find(f"dvrk-site/{system}.json"), search=[stock.find("dvrk-share")], boards="emulated")
-    assert loaded.system is not None
-    harness, whole = BoardsHarness(loaded.system), loaded.system.emulated()
+    harness = rig_of(system)
+    whole = harness.system.emulated()
     harness.bring_up("PSM1")
     if harness.io.robots[0].brakes:
         assert harness.do("brake_release", "PSM1").outcome == "done"

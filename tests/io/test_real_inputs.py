@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests import stock
-from tests.io.boards_harness import BoardsHarness
+from tests.io.boards_harness import COARSE, BoardsHarness
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.config import load_system
 
@@ -19,7 +19,7 @@ PEDALS = "dvrk-share/io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json"
 
 
 def rig_of(path: Path) -> tuple[BoardsHarness, BoardFaults]:
-    loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
+    loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated", sets=COARSE)
     assert loaded.errors == () and loaded.system is not None
     harness = BoardsHarness(loaded.system)
     return harness, BoardFaults(harness.world, harness.plant)

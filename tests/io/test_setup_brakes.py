@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.io.boards_harness import rig_of
 from tests.io.harness import FakeCommand, IoHarness
-from tests.io.test_real_robots import rig_of
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.document.system import DigitalInput, DigitalOutput
 from trocar.procs.fpga import registers
-from trocar.shm.mailbox.origins import NOBODY
+from trocar.shm.mailbox.origins import NO_ORIGIN
 
 LET_GO, HOLD = (1, registers.DIGITAL_OUTPUT, 0x100), (1, registers.DIGITAL_OUTPUT, 0x101)
 BUTTONS = tuple(DigitalInput(f"PSM1_SUJ_{end}", 0, bit, False, True, True) for bit, end in enumerate(
@@ -86,7 +86,7 @@ def test_by_command_they_let_go_until_30_ms_after_the_last_time_and_hold_for_any
     harness.run(20)
     assert not harness.record.output[0], "whoever asked has died"
     assert harness.ask("setup_brake", 1).outcome == "done"
-    hold, let_go = (FakeCommand("setup_brake", "PSM1", on, origin=NOBODY) for on in (0.0, 1.0))
+    hold, let_go = (FakeCommand("setup_brake", "PSM1", on, origin=NO_ORIGIN) for on in (0.0, 1.0))
     harness.run(3, hold, let_go)
     assert (hold.outcome, let_go.outcome) == ("done", "refused") and not harness.record.output[0]
 

@@ -13,13 +13,13 @@ from tests.fpga import board_side
 from tests.io.emulated_ports import block_address
 from tests.io.harness import IoHarness
 from trocar.procs.fpga import wire
-from trocar.procs.io.bus.udp import NODES, PORTS, UdpTransport, address_of
+from trocar.procs.io.bus.udp import PORTS, UdpTransport, address_of
 
 ASKING = wire.quadlet_read(wire.BROADCAST, 4, 1, 0)
 
 
 def reply_of(node: int) -> bytes:
-    return board_side.quadlet_response(node, 1, 7, wire.Trailer())
+    return board_side.quadlet_response(node, 1, 7, board_side.Trailer())
 
 
 def bound(address: str, port: int = 0) -> socket.socket:
@@ -36,7 +36,7 @@ class SenderBoards:
         self.address = block_address()
         first = bound(self.address)
         self.udp_port = first.getsockname()[1]
-        self.sockets = [first, *(bound(address_of(self.address, node), self.udp_port) for node in range(1, NODES))]
+        self.sockets = [first, *(bound(address_of(self.address, node), self.udp_port) for node in range(1, wire.NODES))]
         self.elsewhere, self.other_port = bound("127.0.0.1"), bound(self.address)
 
     def close(self) -> None:
@@ -88,7 +88,7 @@ def test_a_board_speaks_for_itself_only(boards, transport) -> None:
     transport.aim(3, 9, by_board=True)
     boards.sockets[4].sendto(reply_of(3), own_address(transport))
     assert heard(transport) == [0] and transport.stranger.startswith(f"{address_of(boards.address, 4)}:")
-    boards.sockets[4].sendto(board_side.encode_trailer(wire.Trailer(wire.DROPPED)), own_address(transport))
+    boards.sockets[4].sendto(board_side.encode_trailer(board_side.Trailer(wire.DROPPED)), own_address(transport))
     assert heard(transport) == [wire.TRAILER_BYTES], "a dropped request has no sender but that of the datagram"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -46,6 +47,53 @@ def test_moves_from_rest_last_as_long_as_published(
         assert plan(arm, goal, ratio).duration == pytest.approx(duration, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("distance", "velocity", "v_max", "a_max", "duration", "halfway", "speed"),
+    [
+        ((0.5,), (1.0,), (1.0,), (2.0,), 0.75, (0.359375,), (0.75,)),
+        ((0.5,), (-1.0,), (1.0,), (2.0,), 1.75, (-0.109375,), (0.75,)),
+        ((0.1,), (1.0,), (1.0,), (2.0,), 1.047722558, (0.249430639,), (-0.047722558,)),
+        ((0.0,), (0.7,), (1.0,), (2.0,), 0.844974747, (0.117245581,), (-0.144974747,)),
+        ((2.0,), (2.5,), (1.0,), (2.0,), 1.6875, (1.40625,), (1.0,)),
+        ((0.2,), (-3.0,), (1.0,), (4.0,), 2.325, (-0.8375,), (1.0,)),
+        ((1.0, 0.3), (0.5, 0.9), (1.0, 1.0), (2.0, 2.0), 1.3125, (0.59375, 0.299926758), (1.0, 0.0140625)),
+        ((1.0, -0.3), (0.5, -0.9), (1.0, 1.0), (2.0, 2.0), 1.3125, (0.59375, -0.229009924), (1.0, -0.113043478)),
+        ((1.0, 0.05), (0.0, 0.6), (1.0, 1.0), (1.0, 1.0), 2.0, (0.5, 0.145), (1.0, -0.1)),
+        ((1.0, 0.25, 0.0), (0.0, 0.5, 0.0), (0.5, 1.0, 1.0), (1.0,) * 3, 2.5, (0.5, 0.25, 0.0), (0.5, 0.0, 0.0)),
+    ],
+)
+def test_moves_from_a_moving_start_are_those_of_ruckig(
+    distance: tuple[float, ...], velocity: tuple[float, ...], v_max: tuple[float, ...], a_max: tuple[float, ...],
+    duration: float, halfway: tuple[float, ...], speed: tuple[float, ...]
+) -> None:
+    trajectory, n = Trajectory(len(distance)), len(distance)
+    given = np.zeros(n), np.array(velocity), np.array(distance), np.array(v_max), np.array(a_max)
+    assert trajectory.start(*given, 0.0) is None
+    assert trajectory.duration == pytest.approx(duration, abs=1e-9)
+    position, now = np.zeros((2, n))
+    trajectory.evaluate(trajectory.duration / 2.0, position, now)
+    np.testing.assert_allclose(position, halfway, atol=1e-9)
+    np.testing.assert_allclose(now, speed, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_numbers_at_the_end_of_range_raise_nothing() -> None:
+    numbers = (5e-324, 1e-100, 1.0, 1e50, 1e100)
+    position, velocity = np.zeros((2, 2))
+    for case in itertools.product((1.0, -1.0), (0.0, 1.0), numbers, numbers, numbers, numbers):
+        to, way, far, fast, v_max, a_max = case
+        given = np.array((to * far, 0.1)), np.array((way * fast, 0.0)), np.array((v_max, 1.0)), np.array((a_max, 1.0))
+        for jerk_time_s in (0.0, 0.1):
+            trajectory = Trajectory(2, jerk_time_s)
+            error = trajectory.start(np.zeros(2), given[1], given[0], *given[2:], 0.0)
+            assert error in {None, PlanError.NO_SOLUTION}
+            if error is None:
+                assert not trajectory.evaluate(0.3 * trajectory.duration, position, velocity)
+                assert np.isfinite((position, velocity)).all()
+                assert trajectory.evaluate(trajectory.duration, position, velocity)
+                assert (position == given[0]).all()
+
+
 def test_all_joints_go_straight_and_end_together() -> None:
     goal = np.array((0.8, -0.2, 0.05, 1.0, -2.0, 0.3, 0.1))
     trajectory = plan("PSM", goal)
@@ -69,7 +117,7 @@ def test_a_moving_start_is_continued_within_limits(goal: list[float], speed: lis
     v_max, a_max = ARM_TYPES["PSM"].moves.scaled()
     velocity = np.array(speed) * v_max
     trajectory = plan("PSM", np.array(goal), velocity=velocity)
-    position, now, last, step = np.zeros(7), velocity.copy(), velocity.copy(), 1e-3
+    position, now, last, step = np.zeros(7), velocity.copy(), velocity.copy(), 4e-3
     trajectory.evaluate(10.0, position, now)
     np.testing.assert_allclose(position, 0.0, atol=1e-9)
     np.testing.assert_allclose(now, velocity, atol=1e-9)
@@ -152,6 +200,42 @@ def test_a_new_goal_in_mid_flight_keeps_the_jerk_limit() -> None:
     trajectory.forget()
     assert trajectory.start(np.zeros(1), np.zeros(1), np.array([1.0]), *limits, 5.0) is None
     assert velocity_at(trajectory, 5.001) < 1e-4, "from rest again"
+
+
+@pytest.mark.slow
+@examples(10)
+@given(st.integers(0, 2**32 - 1))
+def test_goals_in_mid_flight_keep_all_limits_with_a_jerk_limit(seed: int) -> None:
+    random, step, jerk_time_s = np.random.default_rng(seed), 2e-3, 0.2
+    v_max, a_max = 10.0 ** random.uniform(-1.0, 1.0, 3), 10.0 ** random.uniform(-1.0, 1.0, 3)
+    trajectory = Trajectory(3, jerk_time_s)
+    position, velocity, acceleration, last = np.zeros((4, 3))
+    for _ in range(4):
+        goal = random.normal(size=3) * 10.0 ** random.uniform(-3.0, 1.0)
+        assert trajectory.start(position, velocity, goal, v_max, a_max, 0.0) is None
+        steps = int(trajectory.duration / step)
+        for k in range(1, min(steps, int(random.integers(2, 400)))):
+            last[...] = velocity
+            trajectory.evaluate(k * step, position, velocity)
+            now = (velocity - last) / step
+            assert (np.abs(velocity) <= v_max * (1 + 1e-6)).all()
+            assert (np.abs(now) <= a_max * (1 + 1e-6)).all()
+            assert (np.abs(now - acceleration) <= a_max / jerk_time_s * step * 1.01).all()
+            acceleration = now
+
+
+@pytest.mark.parametrize("jerk_time_s", [0.0, 0.05, 0.2])
+@pytest.mark.parametrize("every_s", [0.002, 0.01, 0.1, 0.3])
+def test_the_same_goal_again_and_again_neither_delays_nor_overshoots(jerk_time_s: float, every_s: float) -> None:
+    trajectory, limits = Trajectory(1, jerk_time_s), (np.full(1, np.pi / 2.0),) * 2
+    position, velocity, goal, now_s = np.zeros(1), np.zeros(1), np.ones(1), 0.0
+    assert trajectory.start(position, velocity, goal, *limits, 0.0) is None
+    end_s = trajectory.duration
+    while now_s < end_s - every_s:
+        now_s += every_s
+        assert not trajectory.evaluate(now_s, position, velocity) and -1e-9 < position[0] < 1.0 + 1e-9
+        assert trajectory.start(position, velocity, goal, *limits, now_s) is None
+        assert trajectory.duration == pytest.approx(end_s - now_s, abs=1e-3 if jerk_time_s else 1e-6), "ruckig rounds"
 
 
 def velocity_at(trajectory: Trajectory, time_s: float) -> float:

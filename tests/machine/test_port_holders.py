@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from trocar.procs.boards.endpoints import BusAddressTaken, Endpoints
+from trocar.procs.boards.endpoints import Endpoints
 from trocar.procs.document.system import BusConfig, Controller
 from trocar.procs.machine.paths import ROOT
 from trocar.procs.machine.port_holders import TCP, connections, holders
+from trocar.procs.node.setup_error import SetupError
 from trocar.shm.system.loglines import parsed
 
 SUPERVISOR = """
@@ -66,7 +67,7 @@ def test_who_listens_is_named_and_connections_are_counted() -> None:
 
 def test_emulated_boards_name_who_has_their_address(taken: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("trocar.procs.boards.endpoints.UDP_PORT", taken)
-    with pytest.raises(BusAddressTaken, match=rf"emulated bus on 127.91.8.16, port {taken}: .*pid {os.getpid()}"):
+    with pytest.raises(SetupError, match=rf"emulated bus on 127.91.8.16, port {taken}: .*pid {os.getpid()}"):
         Endpoints((BusConfig("IO1", "127.91.8.16", (Controller(0),)),), lambda *_: None, lambda: 0, simulated=True)
 
 

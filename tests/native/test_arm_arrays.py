@@ -23,10 +23,13 @@ def bound(function: Any) -> BoundStruct:
 
 def moved(arm: Any) -> list[str]:
     control = arm.control
-    functions = [control.cartesian._show]
+    functions = [control.cartesian._show, control.io._update, control.setpoint._show, control._effort_limits._bear]
     if control.joints.kinematics is not None:
         functions += [control.joints.kinematics._update, control.joints.inverse._newton,
                       control.joints.inverse.kinematics._update]
+        near = arm.cartesian_commands._reach._near
+        if near is not None and near.solver is control.joints.inverse:
+            functions += [near._find]
     return [name for function in functions for name in bound(function).moved()]
 
 

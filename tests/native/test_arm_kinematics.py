@@ -109,7 +109,7 @@ def assert_same_solution(quick: InverseSolver, python: InverseSolver, goal: np.n
 
 @pytest.mark.parametrize("name", ARMS)
 @given(seeds)
-@examples(30)
+@examples(12)
 def test_poses_and_jacobians_are_the_same_three_ways(name: str, seed: int) -> None:
     quick, python, truth = chains(name)
     rng = np.random.default_rng(seed)
@@ -141,7 +141,7 @@ def test_joints_that_are_no_numbers_do_no_harm(name: str, value: float) -> None:
 
 
 @given(seeds)
-@examples(200)
+@examples(60)
 def test_the_twist_between_frames_is_that_of_pinocchio(seed: int) -> None:
     rng = np.random.default_rng(seed)
     f, g = np.eye(4), np.eye(4)
@@ -162,7 +162,7 @@ def test_the_twist_of_half_a_turn_is_found() -> None:
 
 @pytest.mark.parametrize("name", ARMS)
 @given(seeds, st.sampled_from((1e-4, 1e-2, 0.3, 3.0)))
-@examples(30)
+@examples(12)
 def test_joints_for_a_pose_are_the_same_both_ways_and_true(name: str, seed: int, away: float) -> None:
     (quick, python), (forward, _, truth) = solvers(name), chains(name)
     rng = np.random.default_rng(seed)
@@ -178,7 +178,7 @@ def test_joints_for_a_pose_are_the_same_both_ways_and_true(name: str, seed: int,
 
 @pytest.mark.parametrize("name", ARMS)
 @given(seeds, st.sampled_from((0.1, 0.6, 10.0, 1e9)))
-@examples(30)
+@examples(12)
 def test_goals_out_of_reach_end_the_same_both_ways(name: str, seed: int, size: float) -> None:
     (quick, python), (forward, *_) = solvers(name), chains(name)
     rng = np.random.default_rng(seed)
@@ -240,7 +240,7 @@ def cartesian(name: str, rows: np.ndarray, base: np.ndarray) -> tuple[Cartesian,
 
 @pytest.mark.parametrize("name", ARMS)
 @given(seeds, st.booleans(), st.sampled_from((0.0, 1e-9, 1.0)), st.sampled_from((0, 1, 2, 3)))
-@examples(30)
+@examples(12)
 def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolute: bool, speed: float, parts: int
                                                    ) -> None:
     rng = np.random.default_rng(seed)
@@ -280,7 +280,7 @@ def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolut
 @pytest.mark.parametrize(("name", "camera", "link"), [("ECM", 1.5, 2), ("ECM_Si_physical", 1.8, 5),
                                                       ("PSM_Si_physical", None, 0)])
 @given(seeds)
-@examples(50)
+@examples(20)
 def test_holding_efforts_are_the_same_three_ways(name: str, camera: float | None, link: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     chain, up = stock.chain(name), rng.normal(0.0, 9.81, 3)

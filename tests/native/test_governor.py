@@ -32,7 +32,7 @@ def numbers(rng: np.random.Generator, n: int) -> np.ndarray:
     return (some, some.clip(-LIMIT, LIMIT), mixed)[rng.integers(3)]
 
 
-@examples(400)
+@examples(120)
 @given(st.sampled_from(sorted(ARM_TYPES)), st.integers(0, 2**32 - 1))
 @pytest.mark.slow
 def test_both_come_to_the_same_setpoints(name: str, seed: int) -> None:

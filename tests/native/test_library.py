@@ -105,5 +105,5 @@ def test_a_library_of_other_sources_is_not_believed(tmp_path: Path, monkeypatch:
 def test_without_a_compiler_building_ends_in_one_line(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-m", "trocar.procs.native.build"], cwd=ROOT, text=True, capture_output=True,
                           env={**os.environ, "CC": str(tmp_path / "no-compiler")}, timeout=60, check=False)
-    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and "apt-get install gcc" in done.stderr
     assert done.stderr.startswith("trocar: the native library could not be compiled, numpy does its work: ")

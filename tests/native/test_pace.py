@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import threading
 from typing import Any
 
@@ -12,15 +13,16 @@ from hypothesis import strategies as st
 
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.library import bind, native
-from trocar.procs.native.pace_fields import PACE
+from trocar.procs.native.pace_fields import DEADLINE, PACE
 from trocar.procs.node.pacing import INTERVAL_NS, ROOM, Pacing
-from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import CONTROL
+from trocar.shm.time.wakeup import FUTEX, SYSCALL, WAKE
 
 pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 PERIOD = 1_000_000
-NUMBERS = {"<i8": np.int64, "<u8": np.uint64}
+NUMBERS = {"<u4": np.uint32, "<i8": np.int64, "<u8": np.uint64}
 
 
 class Cells:
@@ -102,7 +104,7 @@ def test_a_wait_ends_at_the_deadline_and_says_when_it_is_time_to_look(spin_ns: i
 
 
 def test_other_threads_go_on_while_one_waits() -> None:
-    _, pacing = paced(200 * PERIOD)
+    _, pacing = paced(50 * PERIOD)
     wait, asked, went_on = bound(pacing).function("wait"), threading.Event(), []
 
     def other() -> None:
@@ -116,3 +118,41 @@ def test_other_threads_go_on_while_one_waits() -> None:
     woken = abs(wait(10, 0))
     thread.join(10.0)
     assert went_on and went_on[0] < woken
+
+
+def test_a_sleep_without_news_ends_at_its_deadline() -> None:
+    cells, pacing = paced(2 * PERIOD)
+    sleep, begin = bound(pacing).function("sleep"), monotonic_ns()
+    pacing.begin(begin, False)
+    cells.field("wakeup")[...] = 1
+    assert abs(sleep(3)) >= begin + 6 * PERIOD
+    assert cells.field("wakeup") == 0, "it is awake"
+    assert pacing.words[DEADLINE] == begin + 6 * PERIOD
+
+
+@pytest.mark.parametrize("by", ["futex", "news before it slept"])
+def test_a_sleep_ends_early_with_news_but_not_too_early_and_the_grid_stays(by: str) -> None:
+    cells, pacing = paced(PERIOD // 2)
+    sleep, begin = bound(pacing).function("sleep"), monotonic_ns()
+    periods = 40_000_000
+    pacing.begin(begin, False)
+    word = cells.field("wakeup")
+    if by == "futex":
+        word[...] = 1
+        waking = threading.Thread(target=wake, args=(word,))
+        waking.start()
+        woken = abs(sleep(periods))
+        waking.join(10.0)
+    else:
+        woken = abs(sleep(periods))
+    assert begin + PERIOD // 2 <= woken < begin + periods * (PERIOD // 2), "it slept on"
+    deadline = int(pacing.words[DEADLINE])
+    assert deadline <= woken < deadline + PERIOD // 2 and (deadline - begin) % (PERIOD // 2) == 0
+    assert cells.field("cycles") == 1
+
+
+def wake(word: Any) -> None:
+    """Wake its sleeper, as shm/time/wakeup.py does."""
+    pause(0.005)
+    word[...] = 0
+    SYSCALL(FUTEX, ctypes.c_void_p(word.ctypes.data), WAKE, 1, None, None, 0)

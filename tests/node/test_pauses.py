@@ -15,14 +15,15 @@ from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.console import loop as console
 from trocar.procs.document.system import Process, SystemConfig
 from trocar.procs.io import loop as io
-from trocar.procs.node import life, node_memory, runtime
+from trocar.procs.node import life, runtime
+from trocar.procs.node.node import Node
 from trocar.procs.node.pacing import Pauses, duration
-from trocar.procs.node.runtime import Node
 from trocar.procs.suj import loop as suj
-from trocar.procs.supervisor.memory import create_all, remove_all
+from trocar.procs.supervisor.memory import create_all
 from trocar.procs.system import loop as system
 from trocar.procs.teleop import loop as teleop
 from trocar.shm.mailbox.client import Client, Reply
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
@@ -110,7 +111,7 @@ def create(file: str, name: str) -> SystemConfig:
 @pytest.fixture
 def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: PausedClock) -> Iterator[Callable[[str, str], Node]]:
     """A maker of processes by system file and name; their pauses are those of `clock`."""
-    monkeypatch.setattr(node_memory, "Pauses", lambda limit_ns: Pauses(limit_ns, clock))
+    monkeypatch.setattr("trocar.procs.node.node.Pauses", lambda limit_ns: Pauses(limit_ns, clock))
     opened: list[Node] = []
 
     def make(file: str, name: str) -> Node:
@@ -132,16 +133,19 @@ class PausedProcess(runtime.Loop):
     def __init__(self, node: Node, clock: PausedClock, client: Client, sent: list[int]) -> None:
         """`client` asks for two moves: one before the jump, one during it; `sent` is what we send to io meanwhile."""
         super().__init__(node)
+        self.clock, self.client, self.sent = clock, client, sent
+
+    def setup(self) -> None:
         PausedProcess.lives += 1
-        self.life, self.cycles, self.clock, self.client, self.sent = PausedProcess.lives, 0, clock, client, sent
+        self.life, self.cycles, node = PausedProcess.lives, 0, self.node
         self.state, self.mailbox, self.io = node.writes("state"), node.mailbox(), node.commands("io")
 
     def ask_io(self) -> None:
         self.sent.append(self.io.send("power_on", (), "PSM1"))
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
+    def update(self) -> None:
         self.cycles += 1
-        for command in self.mailbox.drain(wall_ns):
+        for command in self.mailbox.drain(self.node.wall_ns):
             command.accept()
         if self.life == 1 and self.cycles == 1:
             self.client.send("move_jp", (0.1,) * 6)
@@ -153,7 +157,7 @@ class PausedProcess(runtime.Loop):
         elif self.cycles == 3:
             self.node.stop("enough")
 
-    def close(self) -> None:
+    def quit(self) -> None:
         self.ask_io()
 
 
@@ -183,9 +187,11 @@ class TwoLives(runtime.Loop):
     def __init__(self, node: Node, clock: PausedClock, steps: list[str]) -> None:
         super().__init__(node)
         self.clock, self.steps = clock, steps
-        steps.append("made")
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
+    def setup(self) -> None:
+        self.steps.append("made")
+
+    def update(self) -> None:
         if self.steps.count("made") == 2:
             self.node.stop("enough")
         self.clock.now_ns += 1_500 * MS
@@ -206,16 +212,22 @@ def test_a_loop_is_made_with_the_lowest_priority_unless_a_share_is_reserved(
         return [f"FIFO {row.priority}"]
 
     kind = create("kinematic.yaml", world.name).process(name).kind
-    monkeypatch.setattr(node_memory, "Pauses", lambda limit_ns: Pauses(LIMIT, clock))
+    monkeypatch.setattr("trocar.procs.node.node.Pauses", lambda limit_ns: Pauses(LIMIT, clock))
     monkeypatch.setattr(runtime, "arguments", lambda kind: Namespace(system=world.name, name=name))
     monkeypatch.setattr(life, "on_stop", lambda stop: None)
-    monkeypatch.setattr(runtime, "lock_memory", lambda: "locked")
-    monkeypatch.setattr(runtime, "fetch_segments", lambda: None)
-    monkeypatch.setattr(runtime, "realtime", asked)
-    monkeypatch.setattr(runtime, "step_back", lambda: steps.append("back"))
-    with runtime.process(kind) as node:
-        runtime.live(node, lambda node: TwoLives(node, clock, steps))
-        assert node.page.get("policy").startswith(steps[0].replace("asks", "FIFO").encode())
+    monkeypatch.setattr("trocar.procs.node.node.lock_memory", lambda: "locked")
+    monkeypatch.setattr("trocar.procs.node.node.fetch_segments", lambda: None)
+    monkeypatch.setattr("trocar.procs.node.node.realtime", asked)
+    for module in ("node", "runtime"):
+        monkeypatch.setattr(f"trocar.procs.node.{module}.step_back", lambda: steps.append("back"))
+    policy: list[bytes] = []
+
+    class Shown(TwoLives):
+        def quit(self) -> None:
+            policy.append(self.node.page.get("policy"))
+
+    runtime.run(kind, lambda node: Shown(node, clock, steps))
+    assert policy[-1].startswith(steps[0].replace("asks", "FIFO").encode())
     remove_all(world.name)
     assert ", ".join(steps) == expected
 
@@ -226,7 +238,7 @@ LOOPS: dict[str, tuple[str, Callable[[Node], runtime.Loop]]] = {
     "console": (TELEOP, console.ConsoleLoop), "system": (TELEOP, system.SystemLoop), "io": (TELEOP, io.IoLoop),
     "SUJ": (CART, suj.SetupLoop),
 }
-TURNS = 15  # of all seven: a hundred
+TURNS = 6  # of all seven: forty
 
 
 def belongings() -> tuple[int, int]:
@@ -243,17 +255,20 @@ class OneCycle(runtime.Loop):
         super().__init__(node)
         self.loop, self.clock, self.left = make(node), clock, left
 
-    def wait(self) -> bool:
-        return self.loop.wait()
+    def setup(self) -> None:
+        self.loop.setup()
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
-        self.loop.cycle(now_ns, wall_ns)
+    def tick(self) -> bool:
+        return self.loop.tick()
+
+    def update(self) -> None:
+        self.loop.update()
         self.clock.now_ns += 200 * MS
         if next(self.left, None) is None:
             self.node.stop("enough")
 
-    def close(self) -> None:
-        self.loop.close()
+    def quit(self) -> None:
+        self.loop.quit()
 
 
 @pytest.mark.parametrize("name", LOOPS)

@@ -11,6 +11,7 @@ import multiprocessing
 import os
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import pytest
@@ -22,19 +23,19 @@ from trocar.procs.node.realtime import (
     LOCKED,
     NOT_LOCKED,
     REGION,
-    SCRATCH,
-    USED_TOGETHER,
     _ranges,
     cores,
     in_words,
     lock_memory,
     realtime,
+    spin_ns,
     step_back,
 )
 from trocar.procs.tables.manifest import Proc
 
 DEADLINE = 6
-MEGABYTE, ROOM = 1 << 20, 2 * SCRATCH
+MEGABYTE, ROOM = 1 << 20, 8 << 20
+Pages = dict[str, int]
 FIFO_ASKED = Process(name="io", kind="io", period_s=1 / 1500, priority=1)
 
 
@@ -100,25 +101,29 @@ def test_in_lockstep_nobody_has_priority() -> None:
 def test_own_memory_is_locked_and_shared_memory_is_there(tmp_path: Path) -> None:
     file = tmp_path / "shared"
     file.write_bytes(b"x" * MEGABYTE)
+    inherited = mmap.mmap(-1, ROOM, flags=mmap.MAP_PRIVATE)
+    inherited[:] = b"x" * ROOM
 
-    def child() -> tuple[str, dict[str, tuple[int, int]]]:
+    def child() -> tuple[str, dict[str, Pages]]:
         with file.open("r+b") as opened:
             shared = mmap.mmap(opened.fileno(), MEGABYTE)
-        own, scratch = mmap.mmap(-1, MEGABYTE, flags=mmap.MAP_PRIVATE), mmap.mmap(-1, ROOM, flags=mmap.MAP_PRIVATE)
-        own[:], scratch[ROOM // 2] = b"x" * MEGABYTE, 1
+        own = mmap.mmap(-1, MEGABYTE, flags=mmap.MAP_PRIVATE)
+        own[:] = b"x" * MEGABYTE
         words = lock_memory()
         later = mmap.mmap(-1, ROOM, flags=mmap.MAP_PRIVATE)
-        return words, {"shared": pages(shared), "own": pages(own), "later": pages(later), "scratch": pages(scratch),
-                       "used": pages(scratch, ROOM // 2)}
+        later[0] = 1
+        return words, {"shared": pages(shared), "own": pages(own), "inherited": pages(inherited),
+                       "later": pages(later)}
 
     words, found = forked(child)
     if words == NOT_LOCKED:
         pytest.skip("nobody may lock memory here")
     assert words == LOCKED
-    assert found["shared"] == (MEGABYTE, 0)
-    assert found["own"][0] == found["own"][1] >= MEGABYTE
-    assert found["scratch"] == (0, 0) and found["later"][1] < MEGABYTE  # nor does what is in one piece with it
-    assert found["used"][0] == found["used"][1] >= USED_TOGETHER
+    assert found["shared"]["Rss"] == MEGABYTE and not found["shared"]["Locked"]  # the supervisor locks it
+    assert found["own"]["Locked"] >= MEGABYTE
+    assert found["inherited"]["Rss"] >= ROOM and found["inherited"]["Locked"] > ROOM // 4  # each counts its part
+    assert found["inherited"]["Private_Dirty"] < 2 * MEGABYTE, "a page that only our parent has written is not copied"
+    assert found["later"]["Locked"] > 0 and found["later"]["Rss"] < 3 * MEGABYTE
 
 
 @pytest.mark.slow
@@ -126,26 +131,26 @@ def test_who_may_not_look_at_itself_locks_everything(monkeypatch: pytest.MonkeyP
     def refuse(*arguments: Any) -> int:
         raise PermissionError
 
-    def child() -> tuple[str, tuple[int, int]]:
-        monkeypatch.setattr(os, "open", refuse)
+    def child() -> tuple[str, Pages]:
+        monkeypatch.setattr("trocar.procs.node.realtime.regions", refuse)
         scratch = mmap.mmap(-1, ROOM, flags=mmap.MAP_PRIVATE)
         return lock_memory(), pages(scratch)
 
-    words, (there, locked) = forked(child)
-    assert words == NOT_LOCKED or there == locked >= ROOM
+    words, found = forked(child)
+    assert words == NOT_LOCKED or found["Rss"] == found["Locked"] >= ROOM
 
 
-def pages(place: mmap.mmap, offset: int = 0) -> tuple[int, int]:
-    """How many bytes of the region that a place of a map lies in are there, and how many are locked."""
-    here = ctypes.addressof(ctypes.c_char.from_buffer(place)) + offset
-    sizes: dict[str, int] = {}
+def pages(place: mmap.mmap) -> Pages:
+    """Sizes of the region that a map lies in, bytes, by the words of /proc/self/smaps."""
+    here = ctypes.addressof(ctypes.c_char.from_buffer(place))
+    sizes: Pages = {}
     within = False
     for line in Path("/proc/self/smaps").read_text().splitlines():
         if found := REGION.match(line):
             within = int(found[1], 16) <= here < int(found[2], 16)
-        elif within and line.startswith(("Rss:", "Locked:")):
+        elif within and line.endswith(" kB"):
             sizes[line.split(":")[0]] = int(line.split()[1]) << 10
-    return sizes["Rss"], sizes["Locked"]
+    return sizes
 
 
 @pytest.mark.parametrize(("priority", "collects"), [("arm", False), ("", True)])
@@ -153,17 +158,17 @@ def pages(place: mmap.mmap, offset: int = 0) -> tuple[int, int]:
 def test_only_real_time_kinds_collect_no_garbage(
     monkeypatch: pytest.MonkeyPatch, priority: Literal["arm", ""], collects: bool
 ) -> None:
-    seen: list[bool] = []
+    seen: list[tuple[bool, bool]] = []
+    node = SimpleNamespace(ask=str, row=SimpleNamespace(priority=0), simulated=True, close=str)
     kind = Proc("clockwork", "procs.clockwork.loop", 0.01, 0.03, 3.0, "restart", priority=priority)
     monkeypatch.setattr(runtime, "proc", lambda name: kind)
-    monkeypatch.setattr(runtime, "process", lambda name: contextlib.nullcontext())
-    monkeypatch.setattr(runtime, "live", lambda node, make: seen.append(gc.isenabled()))
-    try:
-        runtime.run("clockwork", runtime.Loop)  # type: ignore[type-abstract]
-        assert seen == [collects] and bool(gc.get_freeze_count()) is not collects
-    finally:
-        gc.unfreeze()
-        gc.enable()
+    for name, fake in (("arguments", lambda kind: SimpleNamespace(system="", name="")), ("document_of", str),
+                       ("Node", lambda document, name: node), ("lived", lambda *given: contextlib.nullcontext())):
+        monkeypatch.setattr(runtime, name, fake)
+    monkeypatch.setattr(runtime, "live",
+                        lambda node, make: seen.append((gc.isenabled(), bool(gc.get_freeze_count()))))
+    runtime.run("clockwork", runtime.Loop)
+    assert seen == [(collects, not collects)] and gc.isenabled()
 
 
 def test_processors_are_asked_for_and_told_in_ranges() -> None:
@@ -195,5 +200,5 @@ def test_an_io_spins_for_its_boards_only(file: str, spins: bool, monkeypatch: py
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     system = load_system(PROJECT_CONFIGS / "systems" / file, name="spins", boards="emulated" if spins else None).system
     assert system is not None
-    assert runtime._spin_ns(system, system.ios[0].name) == (50_000 if spins else 0)
-    assert runtime._spin_ns(system, "PSM1") == 0
+    assert spin_ns(system, system.ios[0].name) == (50_000 if spins else 0)
+    assert spin_ns(system, "PSM1") == 0

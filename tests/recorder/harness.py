@@ -23,8 +23,8 @@ from trocar.shm.time.control_page import create_control
 from trocar.shm.time.system_time import SystemTime
 from trocar.shm.topics import ARM_STATE, EVENTS, RECORDER_STATE, SETPOINT, Topic
 
-SELDOM = Topic("gains", "user", 0, 0, (Field("number", "<f8", "", "as it is set"),), depth=8)
-SLOW = Topic("state", "user", 100, 0.2, (Field("number", "<f8", "", "counts"),))
+SELDOM = Topic("gains", "user", (Field("number", "<f8", "", "as it is set"),), depth=8)
+SLOW = Topic("state", "user", rate_hz=100, depth=20, fields=(Field("number", "<f8", "", "counts"),))
 
 
 class RingsOfATest:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from tests.tools.robot import ScriptedRobot
+from trocar.procs.node.life import document_of
+from trocar.procs.node.node import Node
 from trocar.procs.recorder import box, loop
 from trocar.procs.recorder.watch import SeenFault
 from trocar.procs.recordings.reading import open_recording
@@ -28,7 +30,7 @@ class SmallDiskRecorder:
 
     def __init__(self, system: str, folder: Path) -> None:
         self.robot, self.folder = ScriptedRobot(system, folder), folder
-        self.loop = loop.RecorderLoop(system, "recorder")
+        self.loop = loop.RecorderLoop(Node(document_of(system), "recorder"))
         self.loop.begin()
         self.state = directory.reader(system, "recorder", "state")
         self.events = directory.reader(system, "recorder", "events")
@@ -76,7 +78,7 @@ class SmallDiskRecorder:
         self.state.close()
         self.events.close()
         self.loop.quit()
-        self.loop.close()
+        self.loop.node.close()
         self.robot.close()
 
 

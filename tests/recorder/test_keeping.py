@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tests.recorder.harness import RingsOfATest
-from trocar.procs.recorder import keeping
+from trocar.procs.recorder import fault, keeping
 from trocar.procs.recorder.fault import FaultRecording
 from trocar.procs.recorder.files import kept, path_of
 from trocar.procs.recorder.keeping import ASKED, FaultKeeper
@@ -75,7 +75,8 @@ class Kept:
 
 
 @pytest.fixture
-def keeping_of(rings: RingsOfATest) -> Iterator[Kept]:
+def keeping_of(rings: RingsOfATest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Kept]:
+    monkeypatch.setattr(fault, "SLICE_NS", 10_000_000_000)  # real time, in which a busy machine might do nothing
     found = Kept(rings)
     yield found
     found.box.close()

@@ -18,6 +18,8 @@ from typer.testing import CliRunner, Result
 
 from tests.system.robot import ROOT
 from tests.tools.robot import ScriptedRobot
+from trocar.procs.node.life import document_of
+from trocar.procs.node.node import Node
 from trocar.procs.recorder.loop import RecorderLoop
 from trocar.procs.recordings import names
 from trocar.procs.recordings.reading import open_recording
@@ -53,7 +55,7 @@ class Recording:
 
     def __init__(self, robot: ScriptedRobot, folder: Path, patch: pytest.MonkeyPatch) -> None:
         self.robot, self.folder = robot, folder / robot.name
-        self.loop = RecorderLoop(robot.name, "recorder")
+        self.loop = RecorderLoop(Node(document_of(robot.name), "recorder"))
         self.loop.begin()
         self.ahead_ns = 0
         self.happens: Callable[[], None] | None = None
@@ -104,7 +106,7 @@ def recording(world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> It
     found = Recording(robot, tmp_path / "shared", monkeypatch)
     yield found
     found.loop.quit()
-    found.loop.close()
+    found.loop.node.close()
     robot.close()
 
 

@@ -22,12 +22,12 @@ BEGIN_NS = 1_700_000_000_000_000_000
 STEP_NS = 1_000_000
 FACTS = {names.SYSTEM: {"format": names.FORMAT, "kind": names.BOX, "system": "demo"}}
 
-STATE = schema_of(Topic("state", "arm", 1500, 3.0, (
+STATE = schema_of(Topic("state", "arm", rate_hz=1500, fields=(
     Field("valid", "?", "", "usable"), Field("names", "(2,)S5", "", "joints"),
     Field("position", "(2,)<f8", "rad", "where it is"), Field("fault", "<u2", "", "0: none"),
     Field("matrix", "(2,3)<f4", "", "numbers"), Field("text", "S7", "", "said"))))
 
-WIDE = schema_of(Topic("state", "arm", 1500, 3.0, (Field("numbers", "(200,)<f8", "", "many"),)))
+WIDE = schema_of(Topic("state", "arm", rate_hz=1500, fields=(Field("numbers", "(200,)<f8", "", "many"),)))
 
 
 def rows_of(schema: Schema, count: int, seed: int = 0, first: int = 1) -> NDArray[Any]:

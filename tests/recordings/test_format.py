@@ -23,7 +23,7 @@ from tests.examples import examples
 from tests.recordings.made import BEGIN_NS, FACTS, STATE, a_recording, in_memory, rows_of, written
 from trocar.procs.recordings import names, reading
 from trocar.procs.recordings.chunks import COMPRESSIONS, Chunk, packed
-from trocar.procs.recordings.layout import ENCAPSULATION, layout_of
+from trocar.procs.recordings.layout import ENCAPSULATION, _unique, layout_of
 from trocar.procs.recordings.reading import RecordingError, open_recording
 from trocar.procs.recordings.writing import MAGIC, ChannelTable, RecordingFile
 from trocar.procs.ros_messages.definitions import definition
@@ -43,7 +43,7 @@ field_names = ("Name", "a__b", "a/b", "padding_16", "x-", "_y", "Z9", "name", "a
 
 def schema_from(drawn: list[tuple[str, str]]) -> object:
     rows = tuple(Field(field_names[n], shape + scalar, "m", "what it is") for n, (scalar, shape) in enumerate(drawn))
-    return schema_of(Topic("odd-topic", "user", 10, 1.0, rows))
+    return schema_of(Topic("odd-topic", "user", rate_hz=10, depth=10, fields=rows))
 
 
 @examples(60)
@@ -233,7 +233,8 @@ def test_a_chunk_that_claims_too_much_is_not_uncompressed(tmp_path: Path):
 
 def test_a_message_that_is_shorter_than_a_record_takes_no_room(tmp_path: Path):
     table, path = ChannelTable(), tmp_path / "bomb.mcap"
-    large = schema_of(Topic("state", "arm", 1500, 3.0, (Field("numbers", "(130000,)<f8", "", "a megabyte"),), depth=4))
+    large = schema_of(Topic("state", "arm", rate_hz=1500, depth=4, fields=(
+        Field("numbers", "(130000,)<f8", "", "a megabyte"),)))
     with path.open("wb", buffering=0) as stream:
         channel, _ = table.ring("PSM1", "state", "arm", large, 1)
         chunk = Chunk()
@@ -262,7 +263,7 @@ def test_of_more_than_memory_holds_the_first_are_read_and_that_is_told(tmp_path:
 @pytest.mark.parametrize("form", ["(2,)<i8", "S7", ""])
 def test_made_up_events_are_left_out_and_told(tmp_path: Path, ring: str, form: str):
     fields = (Field("monotonic_ns", form, "ns", "when"),) if form else ()
-    odd = schema_of(Topic(ring, "arm", 0, 0.0, (*fields, Field("text", "S7", "", "said")), depth=4))
+    odd = schema_of(Topic(ring, "arm", (*fields, Field("text", "S7", "", "said")), depth=4))
     path = tmp_path / "odd.mcap"
     with path.open("wb", buffering=0) as stream:
         written(stream, {("PSM1", ring): (odd, rows_of(odd, 5))})
@@ -338,3 +339,8 @@ def test_the_configuration_comes_along(tmp_path: Path):
     with open_recording(path) as recording:
         assert json.loads(recording.document) == {"name": "demo"}
         assert recording.metadata[names.SYSTEM]["kind"] == names.BOX
+
+
+def test_fields_whose_names_ros_does_not_tell_apart_get_numbers() -> None:
+    used = set[str]()
+    assert [_unique(name, used) for name in ("a", "A", "a_", "2", "é")] == ["a", "a_2", "a_3", "f_2", "field"]

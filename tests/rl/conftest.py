@@ -6,36 +6,54 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.rl.running import HostTime, home
+from tests.rl.homed import LentHosts, RunningHosts
+from tests.rl.running import HostTime
 from trocar.procs.host.host import HISTORY, Host
-from trocar.procs.node import node_memory as node_memory
 from trocar.procs.rl import attached
-from trocar.procs.rl.hosted import document
-from trocar.shm.mailbox.audit import Audit
+
+
+@pytest.fixture(scope="module")  # a host has 200 descriptors, of which a process has few
+def lent() -> Iterator[LentHosts]:
+    hosts = LentHosts()
+    yield hosts
+    hosts.end()
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[RunningHosts]:
+    hosts = RunningHosts()
+    yield hosts
+    hosts.end()
 
 
 @pytest.fixture
-def system(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Host]]:
-    """A running system of this file, nothing of it powered; of streams only their beginnings are in its audits."""
-    hosts: list[Host] = []
+def fresh() -> None:
+    """For tests that want robots of their own."""
 
-    monkeypatch.setattr(node_memory, "Audit", lambda ring, now_ns, every: Audit(ring, now_ns))
 
-    def up(file: str, backend: str = "kinematic", history: int = HISTORY) -> Host:
-        hosts.append(Host(document(file, backend, 0.002, 0.002), history))
-        hosts[-1].run(0.05)
-        monkeypatch.setattr(HostTime, "host", hosts[-1], raising=False)
+@pytest.fixture(autouse=True)
+def homed_once(request: pytest.FixtureRequest, lent: LentHosts) -> Iterator[None]:
+    """Robots of environments are homed once."""
+    with pytest.MonkeyPatch.context() as patch:
+        if "fresh" not in request.fixturenames:
+            lent.patch(patch)
+        yield
+
+
+@pytest.fixture
+def system(monkeypatch: pytest.MonkeyPatch, running: RunningHosts) -> Callable[..., Host]:
+    """A running system of this file; a person has homed the arms that are named."""
+
+    def up(file: str, *homed: str, backend: str = "kinematic", history: int = HISTORY) -> Host:
+        host = running.up(file, backend, history, homed)
+        monkeypatch.setattr(HostTime, "host", host, raising=False)
         monkeypatch.setattr(attached, "SystemTime", HostTime)
-        return hosts[-1]
+        return host
 
-    yield up
-    for host in hosts:
-        host.close()
+    return up
 
 
 @pytest.fixture
 def psm(system: Callable[..., Host]) -> Host:
     """One PSM, homed by a person."""
-    host = system("kinematic.yaml")
-    home(host, "PSM1")
-    return host
+    return system("kinematic.yaml", "PSM1")

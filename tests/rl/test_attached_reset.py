@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from tests.rl.running import HostTime, ask, home, made
+from tests.rl.running import HostTime, ask, made
 from trocar.procs.host.host import Host
 from trocar.procs.rl import attached
 from trocar.procs.rl.attached import RunningSystem
@@ -41,13 +41,12 @@ def quickest(state: RingReader) -> float:
 
 @pytest.mark.slow
 def test_reset_is_no_faster_than_a_person_has_set(system: Callable[..., Host]) -> None:
-    host = system("kinematic.yaml", history=2000)
-    home(host, "PSM1")
+    host = system("kinematic.yaml", "PSM1", history=2000)
     person, state = host.client("PSM1"), host.reader("PSM1")
     assert ask(host, person, "move_jp", (0.02, 0.02, 0.12, 0.0, 0.0, 0.0)) == "done"
     assert ask(host, person, "trajectory_j/set_ratio_v", (0.02,)) == "done"
     env = PsmReach(backend=RunningSystem(host.name, reset_ratio=0.5), starts=1)
-    host.run(10.0)
+    host.run(4.1)  # longer than records are kept
     env.reset()
     assert 0.0 < quickest(state) < 0.04
     assert state.field("trajectory_ratio_v")[()] == 0.02 and state.field("trajectory_ratio_a")[()] == 1.0
@@ -64,11 +63,10 @@ def test_resets_one_after_the_other_leave_the_speed_as_it_was(psm: Host) -> None
 
 @pytest.mark.slow
 def test_who_makes_the_slow_move_faster_ends_it(system: Callable[..., Host], monkeypatch: pytest.MonkeyPatch) -> None:
-    host = system("kinematic.yaml", history=2000)
-    home(host, "PSM1")
+    host = system("kinematic.yaml", "PSM1", history=2000)
     person, state, env = host.client("PSM1"), host.reader("PSM1"), made(host)
     assert ask(host, person, "move_jp", (0.6, 0.5, 0.2, 0.0, 0.0, 0.0)) == "done"
-    host.run(10.0)
+    host.run(4.1)  # longer than records are kept
     monkeypatch.setattr(HostTime, "waits", 30)
     monkeypatch.setattr(HostTime, "comes", lambda: person.send("trajectory_j/set_ratio", (0.9,)), raising=False)
     with pytest.raises(RobotStopped, match=r"another program set the trajectory ratio of PSM1 to 0.9 during our move"):

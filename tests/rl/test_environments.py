@@ -57,10 +57,10 @@ def test_gymnasium_finds_nothing_wrong_with_it(task: type[RobotEnv]) -> None:
     env.close()
 
 
-@pytest.mark.parametrize("control", ["joint", "cartesian"])
 @pytest.mark.slow
-def test_episodes_are_the_same_in_any_environment_and_order(control: str) -> None:
-    one, other = PsmReach(control=control, starts=2), PsmReach(control=control, starts=2)
+@pytest.mark.usefixtures("fresh")
+def test_episodes_are_the_same_in_any_environment_and_order() -> None:
+    one, other = PsmReach(starts=2), PsmReach(starts=2)
     first = drawn(one, 5, 12)
     drawn(one, 6, 5, start=0)
     assert drawn(one, 5, 12) == first == drawn(other, 5, 12)
@@ -194,22 +194,17 @@ def test_a_peg_is_handed_over_and_falls_when_nobody_holds_it() -> None:
     ({"horizon": 1.5}, "horizon is 1.5; allowed: 1 to 1000000, a whole number"),
     ({"backend": "boards", "physics_s": 0.004}, "physics_s is 0.004 s; allowed: 0.0005 to 0.002 s"),
     ({"period_s": 0.01}, "period_s is 0.01 s; allowed: 0.0005 to 0.002 s"),
-    ({"render_mode": "human"}, "render_mode is 'human'"),
-])
+    ({"render_mode": "human"}, "render_mode is 'human'")])
 def test_what_cannot_be_is_refused_with_what_can(options: dict[str, Any], told: str) -> None:
     with pytest.raises(ValueError, match=told):
         PsmReach(**options)
 
 
-def test_wrong_actions_and_options_are_refused(reach: PsmReach) -> None:
-    reach.reset(seed=1)
-    for action in (np.zeros(6), np.full(7, np.nan)):
-        with pytest.raises(ValueError, match="an action is 7 finite numbers"):
-            reach.step(action)
+def test_wrong_options_are_refused(reach: PsmReach) -> None:
     with pytest.raises(ValueError, match="start is 99; allowed: 0 to 7"):
         reach.reset(options={"start": 99})
-    with pytest.raises(ValueError, match="options have strat; allowed: start, goal"):
-        reach.reset(options={"strat": 1})
+    with pytest.raises(ValueError, match="options have strt; allowed: start, goal"):
+        reach.reset(options={"strt": 1})
     with pytest.raises(ValueError, match="the goal of PsmTrack is chosen by the environment; none can be given"):
         PsmTrack().reset(options={"goal": (0.0, 0.0, -0.1)})
     with pytest.raises(ValueError, match="a goal is 3 numbers"):
@@ -305,6 +300,7 @@ def test_an_arm_that_has_failed_stays_where_it_was_seen_noise_and_all() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("fresh")
 def test_several_are_stepped_side_by_side_and_leave_nothing() -> None:
     before = ours()
     vector = gymnasium.vector.SyncVectorEnv([lambda: PsmReach(starts=1, horizon=3)] * 2)

@@ -63,7 +63,7 @@ class Pusher:
         return action
 
 
-@pytest.mark.parametrize("seed", [0, 3, 5])
+@pytest.mark.parametrize("seed", [0, 5])
 @pytest.mark.slow
 def test_a_policy_that_knows_the_way_pushes_the_block_to_its_goal(env: PsmPush, seed: int) -> None:
     env.reset(seed=seed)

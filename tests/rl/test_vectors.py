@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.rl.test_registration import NO_PICTURES, ROOT
 from trocar.procs.rl.backend import RobotStopped
 from trocar.procs.rl.tasks import PsmReach
 from trocar.shm.memory.segment import FOLDER
 
-pytestmark = pytest.mark.slow
-ROOT = Path(__file__).resolve().parents[2]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("fresh")]
 
 
 def made() -> PsmReach:
@@ -29,31 +27,29 @@ import functools, warnings
 import gymnasium, numpy, psutil
 from trocar.procs.rl.tasks import PsmReach
 made = functools.partial(PsmReach, starts=2, horizon=5)
-ours = made()
+ours, action = made(), numpy.full(7, 0.5, dtype=numpy.float32)
 first, _ = ours.reset(seed=3, options={"start": 1})
-with warnings.catch_warnings():
-    warnings.filterwarnings("ignore", category=DeprecationWarning, message=".*fork.*")  # from Python 3.12 on
-    vector = gymnasium.vector.AsyncVectorEnv([made] * 2, context=CONTEXT)
-seen, _ = vector.reset(seed=[3, 3], options={"start": 1})
-numpy.testing.assert_array_equal(seen["observation"], [first["observation"]] * 2)
-for _ in range(5):
-    action = numpy.full(7, 0.5, dtype=numpy.float32)
-    expected = ours.step(action)
-    seen, rewards, _, truncated, _ = vector.step(numpy.tile(action, (2, 1)))
-    numpy.testing.assert_array_equal(seen["observation"], [expected[0]["observation"]] * 2)
-    assert list(rewards) == [expected[1]] * 2
-assert truncated.all()
-vector.close()
+steps = [ours.step(action) for _ in range(5)]
+for context, count in ("fork", 2), ("spawn", 1):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", category=DeprecationWarning, message=".*fork.*")  # from Python 3.12 on
+        vector = gymnasium.vector.AsyncVectorEnv([made] * count, context=context)
+    seen, _ = vector.reset(seed=[3] * count, options={"start": 1})
+    numpy.testing.assert_array_equal(seen["observation"], [first["observation"]] * count)
+    for expected in steps:
+        seen, rewards, _, truncated, _ = vector.step(numpy.tile(action, (count, 1)))
+        numpy.testing.assert_array_equal(seen["observation"], [expected[0]["observation"]] * count)
+        assert list(rewards) == [expected[1]] * count
+    assert truncated.all()
+    vector.close()
 left = [" ".join(child.cmdline()) for child in psutil.Process().children()]
 print("left:", *[command for command in left if "resource_tracker" not in command])
 """
 
 
-@pytest.mark.parametrize("context", ["fork", "spawn"])
-def test_each_process_plays_the_same_episode(context: str) -> None:
-    with subprocess.Popen([sys.executable, "-c", f"CONTEXT = {context!r}\n{PLAYED}"], cwd=ROOT, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                          env={**os.environ, "PYTHONPATH": str(ROOT)}) as process:
+def test_each_process_plays_the_same_episode_forked_or_spawned() -> None:
+    with subprocess.Popen([sys.executable, "-c", PLAYED], cwd=ROOT, text=True, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, env=NO_PICTURES) as process:
         out, errors = process.communicate(timeout=120)
     assert process.returncode == 0, errors
     assert out.strip() == "left:"

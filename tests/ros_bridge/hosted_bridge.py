@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 from unittest import mock
@@ -12,6 +12,8 @@ from unittest import mock
 from tests.host.hosted import QUICK, document
 from tests.rl.running import home
 from trocar.procs.host.host import Host
+from trocar.procs.node.life import document_of
+from trocar.procs.node.node import Node
 from trocar.procs.ros_bridge import loop
 from trocar.procs.ros_bridge.loop import RosLoop
 from trocar.procs.ros_messages.dds import Participant
@@ -19,6 +21,8 @@ from trocar.procs.ros_messages.messages import Log, String
 from trocar.shm.mailbox.origins import ACTING
 
 STEP_S: Final = 0.05
+SILENT_S: Final = 1.1
+"""A text that was published is published again after a second."""
 COUNTER: Final = itertools.count()
 
 
@@ -26,12 +30,13 @@ class HostedBridge:
     """Messages come and go; `run` gives the bridge time to pass them on."""
 
     def __init__(self, host: Host) -> None:
-        self.host, self.loop = host, RosLoop(host.name, "ros_bridge")
+        self.host, self.loop = host, RosLoop(Node(document_of(host.name), "ros_bridge"))
         self.loop.begin()
         self.loop._incoming._joined_ns = 0  # streams of tests begin with the bridge
         self._participant: Participant = self.loop.participant
         self._readers: dict[str, Any] = {}
         self._writers: dict[str, Any] = {}
+        self._passed_s, self._sent_s = 0.0, dict[str, float]()
 
     def hear(self, topic: str, message: Any) -> None:
         """Subscribe."""
@@ -60,7 +65,14 @@ class HostedBridge:
             self.loop._rest(1_000_000, False)
             self.host.run(STEP_S)
             self.loop.update()
+            self._passed_s += STEP_S
         self.loop._rest(0, False)
+
+    def run_until(self, condition: Callable[[], object], seconds: float = 2.0) -> None:
+        """Until this is so, or for so long; what a test then asserts says what was missing."""
+        end_s = self._passed_s + seconds
+        while not condition() and self._passed_s < end_s:
+            self.run(STEP_S)
 
     def warned(self, component: str) -> list[str]:
         """Texts of a component's warnings."""
@@ -73,7 +85,9 @@ class HostedBridge:
                 self.hear(f"{component}/warning", String)
         if "/rosout" not in self._readers:
             self.hear("/rosout", Log)
-        self.run(1.1)  # the same text is published again after a second
+        sent = f"{topic} {message}"
+        self.run(max(0.1, SILENT_S + self._sent_s.get(sent, -SILENT_S) - self._passed_s))
+        self._sent_s[sent] = self._passed_s
         for each in self._readers:
             self.came(each)
         self.tell(topic, message)
@@ -83,7 +97,7 @@ class HostedBridge:
     def close(self) -> None:
         """End the bridge."""
         self.loop.quit()
-        self.loop.close()
+        self.loop.node.close()
 
 
 @contextmanager

@@ -30,7 +30,7 @@ class StoppedBridge:
         made._last_look = SimpleNamespace(look=self._look)
         made._incoming, made.services = SimpleNamespace(take=self._take, hear=lambda: None), quiet
         made._awake_ns, made._deaf_until_ns, made._forgets_all, made.name = 0, 0, False, "ros_bridge"
-        made.own = SimpleNamespace(late_s=LATE_S, row=SimpleNamespace(period_s=0.005),
+        made.node = SimpleNamespace(late_s=LATE_S, row=SimpleNamespace(period_s=0.005),
                                    events=SimpleNamespace(report=self._report))
         self._loop = made
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from trocar.procs.ros_messages.messages import JointStates
 from trocar.procs.ros_messages.packing import PackedMessage
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
@@ -25,8 +26,8 @@ def blocks_of(kind: str, draw: Any) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", VIEW_MESSAGES)
+@examples(15)
 @given(data=st.data())
-@pytest.mark.slow
 def test_packed_messages_are_those_that_the_library_writes(kind: str, data: Any) -> None:
     row = VIEW_MESSAGES[kind]
     packed, plain = PackedMessage(row.message, row.put), row.message()

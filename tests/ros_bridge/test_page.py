@@ -6,17 +6,23 @@ import json
 import os
 import re
 from collections import defaultdict
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import pytest
 import yaml
 
 from tests.conftest import World
 from tests.stock import ROOT
 from trocar.procs.config import load_system
-from trocar.procs.document.system import SystemConfig
-from trocar.procs.ros_bridge.incoming import MESSAGES
+from trocar.procs.document.system import WALL, SystemConfig
+from trocar.procs.node.life import document_of
+from trocar.procs.node.node import Node
 from trocar.procs.ros_bridge.loop import RosLoop
+from trocar.procs.ros_messages.command_messages import MESSAGES
 from trocar.procs.supervisor import memory
+from trocar.shm.system import directory
 
 FOCUS = [{"name": f"endoscope_focus_{way}", "board_id": 0, "bit_id": bit, "is_PWM": False}
          for bit, way in enumerate(("in", "out"))]
@@ -35,7 +41,7 @@ def made(file: str, folder: Path, name: str) -> SystemConfig:
     (folder / "made.json").write_text(json.dumps(content))
     loaded = load_system(folder / "made.json", search=[ROOT / "configs"], boards="emulated", name=name)
     assert loaded.system is not None, loaded.errors
-    return loaded.system
+    return replace(loaded.system, clock=WALL)  # only io, the bridge and rings are made, no supervisor
 
 
 def documented() -> dict[str, set[str]]:
@@ -48,7 +54,7 @@ def documented() -> dict[str, set[str]]:
 
 def existing(system: SystemConfig) -> dict[str, set[str]]:
     """Those that there are."""
-    loop, found = RosLoop(system.name, "ros_bridge"), defaultdict(set)
+    loop, found = RosLoop(Node(document_of(system.name), "ros_bridge")), defaultdict(set)
     kinds = {row.name: row.kind for row in system.processes}
     buttons = {each.name for io in system.ios for each in io.digital_inputs}
     setups = "|".join(arm.name for cart in system.carts for arm in cart.arms)
@@ -57,7 +63,7 @@ def existing(system: SystemConfig) -> dict[str, set[str]]:
         ends = [each.name for each in (*loop.participant.writers, *loop.participant.readers)] + loop.services.names
     finally:
         loop.quit()
-        loop.close()
+        loop.node.close()
     for name in {end.removeprefix("rt/") for end in ends}:
         first, _, rest = name.partition("/")
         if first == "PID":
@@ -74,7 +80,10 @@ def existing(system: SystemConfig) -> dict[str, set[str]]:
     return found
 
 
-def test_the_page_has_the_topics_that_there_are(tmp_path: Path, world: World) -> None:
+@pytest.mark.slow
+def test_the_page_has_the_topics_that_there_are(
+        tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(directory, "reader", partial(directory.reader, often=False))  # no record is read
     found: dict[str, set[str]] = defaultdict(set)
     for file in ("kinematic-full", "demo-teleop"):
         system = made(file, tmp_path, world.name)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
+from uuid import UUID
 
 import pytest
 from cyclonedds.core import DDSException
@@ -21,9 +22,9 @@ from trocar.procs.ros_bridge import carrying_out
 from trocar.procs.ros_bridge.events import REPEAT_NS, ToldState
 from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS
 from trocar.procs.ros_bridge.publishing import RecordTopics
-from trocar.procs.ros_bridge.refusals import KEPT, SILENT_NS, Refusals
 from trocar.procs.ros_messages.dds import Participant
 from trocar.procs.ros_messages.messages import JointStates, Joy, OperatingState, Time
+from trocar.procs.ros_messages.refusals import KEPT, SILENT_NS, Refusals
 from trocar.shm.system import directory
 
 HOUR_NS = 3600 * 10**9
@@ -129,20 +130,20 @@ class FakeReader:
     def __init__(self, name: str, writers: set[int]) -> None:
         self.name, self.messages, self._writers = name, [], writers
 
-    def take(self, tell: Any) -> list[Any]:
+    def take(self, tell: Any = None) -> list[Any]:
         found, self.messages = self.messages, []
         return found
 
     def writer(self, handle: int) -> Any:
-        return SimpleNamespace(participant_key=handle) if handle in self._writers else None
+        return SimpleNamespace(participant_key=UUID(int=handle)) if handle in self._writers else None
 
 
 def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[tuple[str, list[float]]] = []
 
     class FakeRosClient:
-        def __init__(self, system: str, to: str, called: str, peer: int = 0) -> None:
-            self.instance, self.sent_ns, self.seen = to, 0, None
+        def __init__(self, system: str, to: str, called: str, peer: int = 0, holder: str = "") -> None:
+            self.instance, self.sent_ns, self.seen, self.program = to, 0, None, called
 
         def join(self) -> None: ...
 
@@ -155,7 +156,8 @@ def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(carrying_out, "Client", FakeRosClient)
     writers, readers = {5, 6}, dict[str, FakeReader]()
-    node: Any = SimpleNamespace(reader=lambda name, *_: readers.setdefault(name, FakeReader(name, writers)))
+    node: Any = SimpleNamespace(reader=lambda name, *_: readers.setdefault(name, FakeReader(name, writers)),
+                                read_as=lambda name, *_, **__: FakeReader(name, writers))
     absent: Any = None
     commands = carrying_out.Commands(node, "x", [carrying_out.Addressee("console", "console")], RosBridge(),
                                      Refusals(lambda *said: None, lambda: 0), joints=lambda view: absent,

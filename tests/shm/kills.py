@@ -7,7 +7,7 @@ and what must hold after each death, are in victims.py and senders.py.
 
 Run as a process of its own (`main`), because a fork copies all of its parent. Its arguments: system, victim, kills,
 seed, a mistake of wrongs.py to be put in or nothing, and the step at which the first life ends if every later one is to
-end one step later (a walk through the code), 0 for deaths drawn from the seed. Prints one line of JSON.
+end STRIDE steps later (a walk through the code), 0 for deaths drawn from the seed. Prints one line of JSON.
 """
 
 from __future__ import annotations
@@ -29,11 +29,12 @@ from typing import Any, Protocol
 
 from tests.shm import senders, victims, wrongs
 from tests.shm.witness import Notes, RingViolation, die_with_parent, holds
-from trocar.shm.memory.segment import names_of, segment_name, unlink
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.ring import ring
 
 TRACED = (str(Path(ring.__file__).parents[1]) + os.sep, str(Path(__file__).with_name("wrongs.py")))
 PATIENCE_NS = 20_000_000_000
+STRIDE = 2  # of a walk: between two things that others can see there are more steps of bytecode
 LATE_STEPS, LATE_US = 2500, 1500  # how long a victim that has attached goes on at most
 UNTIL_KILLED = 1 << 60
 STEPS, TIME = "steps", "microseconds"
@@ -148,7 +149,7 @@ class Killer:
 
     def _plan(self, life: int) -> Plan:
         if self._walk:
-            return Plan(STEPS, False, self._walk + life - 1)
+            return Plan(STEPS, False, self._walk + STRIDE * (life - 1))
         kind, early = self._random.choice((STEPS, TIME)), self._random.randrange(4) == 0
         part = self._random.random()  # drawn before it is scaled: attaching never takes the same time twice
         if life <= 2:  # how long does attaching take, in steps and in time?
@@ -219,8 +220,7 @@ def run(system: str, name: str, kills: int, seed: int, wrong: str = "", walk: in
     except RingViolation as broken:
         violation = f"seed {seed}, {name}: {broken}"
     finally:
-        for parts in names_of(system):
-            unlink(segment_name(*parts))
+        remove_all(system)
     with contextlib.suppress(ChildProcessError):
         os.waitpid(-1, os.WNOHANG)
         violation = violation or f"seed {seed}, {name}: a process is left behind"

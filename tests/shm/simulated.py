@@ -10,7 +10,6 @@ alone).
 
 from __future__ import annotations
 
-import importlib
 import re
 import struct
 import sys
@@ -21,17 +20,24 @@ from types import CodeType, ModuleType
 from typing import Any
 from unittest.mock import patch
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tests.shm.process import PLAIN, REAL, Actor, Address
 from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox import mailbox, mailbox_map, place, received
+from trocar.shm.memory import locks, order
 from trocar.shm.memory.layout import Schema, schema_of
 from trocar.shm.memory.segment import Header
+from trocar.shm.ring import ring
+from trocar.shm.time import lockstep, wakeup
 from trocar.shm.topics import Field, Topic
 
 FIRST = 4096
 NAPS_AT = FIRST + 64
-PAIR = schema_of(Topic("pair", "io", 0, 0, (Field("value", "<i8", "", "a number"),), depth=1))  # payload: stamp, value
-MODULES = {"order": "memory", "ring": "ring", "locks": "memory", "mailbox_map": "mailbox", "received": "mailbox",
-           "mailbox": "mailbox", "place": "mailbox", "wakeup": "time", "lockstep": "time"}
+PAIR = schema_of(Topic("pair", "io", (Field("value", "<i8", "", "a number"),), depth=1))  # payload: stamp, value
+MODULES = {module.__name__.split(".")[-1]: module for module in (
+    order, ring, locks, mailbox_map, received, mailbox, place, wakeup, lockstep)}
 SMALL = (
     ("mailbox", "PER_CYCLE = 8", "PER_CYCLE = 1"),
     ("mailbox_map", "COMMANDS_DEPTH = COMMAND.depth", "COMMANDS_DEPTH = 2"),
@@ -67,13 +73,13 @@ class SimulatedPart:
     def __init__(self, me: Actor, name: str, start: int, stop: int, width: int = 8) -> None:
         assert (stop - start) % width == 0
         self.me, self.name, self.start, self.width = me, name, start, width
-        self._places: list[Address] = [(name, at) for at in range(start, stop, width)]
+        self.places: list[Address] = [(name, at) for at in range(start, stop, width)]
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self.places)
 
     def __bytes__(self) -> bytes:
-        return b"".join(v.to_bytes(self.width, "little") for v in self.me.load(*self._places))
+        return b"".join(v.to_bytes(self.width, "little") for v in self.me.load(*self.places))
 
     tobytes = __bytes__
 
@@ -88,14 +94,14 @@ class SimulatedPart:
         return (self[i] for i in range(len(self)))
 
     def __getitem__(self, index: int) -> int:
-        return self.me.load(self._places[index])[0]
+        return self.me.load(self.places[index])[0]
 
     def __setitem__(self, index: int | slice, value: Any) -> None:
         if isinstance(index, slice):
             assert index == slice(None)
-            self.me.store(*zip(self._places, _cut(bytes(value), self.width), strict=True))
+            self.me.store(*zip(self.places, _cut(bytes(value), self.width), strict=True))
         else:
-            self.me.store((self._places[index], value))
+            self.me.store((self.places[index], value))
 
 
 def _cut(data: bytes, width: int) -> list[int]:
@@ -126,6 +132,21 @@ class Words:
 
     def __setitem__(self, index: int, value: int) -> None:
         self._me.store(((self._name, 8 * index), value))
+
+
+class Slots:
+    """The slots of a ring as one array: the cells of a part of it are loaded at once, in any order."""
+
+    dtype = np.dtype(f"V{PAIR.dtype.itemsize}")
+
+    def __init__(self, segment: Segment) -> None:
+        self._view, self._header = segment.view, segment.header
+
+    def __getitem__(self, part: slice) -> NDArray[np.void]:
+        size, first, stride = self.dtype.itemsize, self._header.first, self._header.stride
+        slots = [self._view[first + k * stride : first + k * stride + size] for k in range(part.start, part.stop)]
+        values = self._view.me.load(*(place for slot in slots for place in slot.places))
+        return np.array(values, np.uint64).view(self.dtype)
 
 
 class Segment:
@@ -234,11 +255,11 @@ class Real:
         return self
 
     def _read(self, name: str, changes: Iterable[Change]) -> Any:
-        path = Path(str(importlib.import_module(f"trocar.shm.{MODULES[name]}.{name}").__file__))
+        path = Path(str(MODULES[name].__file__))
         text = path.read_text()
         if name == "ring":  # a memoryview copies from real buffers only: have the slot copied first
             text, count = re.subn(r"\] = ((?:self\._)?slot)\b(?=\s)", r"] = bytes(\1)", text)
-            assert count >= 6, count
+            assert count >= 5, count
             # Each round of a retry restarts, whatever the last one found.
             text, count = re.subn(r"for (\w+) in range\(RETRIES\):\n", r"\g<0>            merge(self, \1)\n", text)
             assert count >= 2, count
@@ -246,7 +267,7 @@ class Real:
             if where == name:
                 assert text.count(old) >= 1, f"{path}: there is no {old!r}"
                 text = text.replace(old, new)
-        module = ModuleType(f"trocar.shm.{MODULES[name]}.{name}")
+        module = ModuleType(MODULES[name].__name__)
         exec(_compiled(text, f"{REAL}{path.name}"), module.__dict__)
         if name in ("mailbox_map", "received"):  # what follows from its numbers has to follow from these
             sys.modules[module.__name__] = module
@@ -254,23 +275,24 @@ class Real:
 
     def _join(self) -> None:
         """Put the stand-ins in their places."""
-        places, mailbox, place, locks, kernel = self._map, self.mailbox, self.place, self.locks, Kernel(self)
+        places, box, sender, kernel = self._map, self.mailbox, self.place, Kernel(self)
         places.Segment = lambda name, write: Segment(self, "mail", "mailbox", places.WHOLE, 1)
         places.HOLDER = Struct(places.HOLDER)
-        mailbox.COMMANDS_OF = tuple(map(Struct, mailbox.COMMANDS_OF))
-        mailbox.COMMAND_HEAD, mailbox.REPLY_BODY = Struct(mailbox.COMMAND_HEAD), Struct(mailbox.REPLY_BODY)
-        for name in vars(place):
-            if name in vars(mailbox) and not name.startswith("__"):
-                setattr(place, name, getattr(mailbox, name))
-        place.Places, place.AllTaken, place.pause = locks.Places, locks.AllTaken, lambda seconds: None
-        place.monotonic_ns = mailbox.monotonic_ns = lambda: 7
-        locks._lock, locks._unlock = kernel.lock, kernel.unlock
+        box.COMMANDS_OF = tuple(map(Struct, box.COMMANDS_OF))
+        box.REPLY_BODY = Struct(box.REPLY_BODY)
+        for name in vars(sender):
+            if name in vars(box) and not name.startswith("__"):
+                setattr(sender, name, getattr(box, name))
+        sender.Places, sender.AllTaken, sender.pause = self.locks.Places, self.locks.AllTaken, lambda seconds: None
+        sender.monotonic_ns = box.monotonic_ns = lambda: 7
+        self.locks._lock, self.locks._unlock = kernel.lock, kernel.unlock
         self._wakeups.ctypes, self._wakeups.SYSCALL = kernel, kernel.futex
+        self.ring.slots = Slots
         self.ring.merge = lambda reader, round: self.me.merge((round, private(reader)))
         self._wakeups.full_fence = lambda: lambda: self.me.fence()
         steps = self.lockstep
         steps.Places, steps.full_fence, steps.monotonic_ns, steps.local_ns = (
-            locks.Places, self._wakeups.full_fence, lambda: 7, lambda: 7)
+            self.locks.Places, self._wakeups.full_fence, lambda: 7, lambda: 7)
 
     def writer(self, depth: int) -> Any:
         """A RingWriter."""

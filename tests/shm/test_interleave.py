@@ -10,6 +10,7 @@ from tests.shm.buffers import MODELS
 from tests.shm.interleave import Broken, Explorer, Outcome
 from tests.shm.process import Actor, Address, Program
 
+pytestmark = pytest.mark.searches
 X, Y, Z = ("a", 0), ("a", 8), ("a", 16)
 LOCK = "lock", 1
 

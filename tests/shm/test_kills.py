@@ -16,7 +16,7 @@ from tests.shm.wrongs import WRONGS
 
 HARNESS = "from tests.shm.kills import main; main()"
 SEED = os.environ.get("TROCAR_SEED", "1")
-SHARE = 120  # deaths of each in the suite: 840 in all
+SHARE = 60  # deaths of each in the suite: 420 in all
 LONG_S = 7200.0
 
 
@@ -43,10 +43,10 @@ def test_death_at_any_point_harms_nobody(world: Any, victim: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_death_at_every_step_of_a_stop_harms_nobody(world: Any) -> None:
-    report = deaths(world, "who stops", 700, walk=1)
-    assert not report["violation"] and report["kinds"] == {"late steps": 700}, report
-    assert report["sent"] > 100 and report["died_unrecorded"] > 10, "not all steps were walked"
+def test_a_death_between_any_two_steps_of_a_stop_harms_nobody(world: Any) -> None:
+    report = deaths(world, "who stops", 350, walk=1)
+    assert not report["violation"] and report["kinds"] == {"late steps": 350}, report
+    assert report["sent"] > 50 and report["died_unrecorded"] > 5, "not all steps were walked"
 
 
 @pytest.mark.soak
@@ -62,3 +62,4 @@ def test_a_seeded_mistake_is_caught(world: Any, wrong: str) -> None:
     _, victim, walk, lives = WRONGS[wrong]
     report = deaths(world, victim, lives, wrong, walk)
     assert report["violation"].startswith(f"seed {SEED}, {victim}: life {report['kills']}, steps "), report
+    assert "Traceback" not in report["violation"], "the mistake itself is broken"

@@ -1,35 +1,26 @@
 """The protocols of shm/ as models with store buffers, every interleaving and every death searched by spin.
 
 The models lie in models/*.pml; the macros in the tables below are theirs. Each seeded mutant must be found, by the
-check that was made for it, or the model proves nothing. The searches are long and know nothing of each other: as many
-run at a time as there are processors.
+check that was made for it, or the model proves nothing.
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from trocar.shm.mailbox import mailbox
-from trocar.shm.ring import ring
-
 MODELS = Path(__file__).with_name("models")
-PROSE = {"ring": ring.__doc__, "mailbox": mailbox.__doc__}
 PATIENCE_S = 600
 BUILD = ("gcc", "-DSAFETY", "-DMEMLIM=3000", "-o", "pan", "pan.c")
 DEEP = "-m100000"
 INCOMPLETE = ("max search depth too small", "memory bound", "out of memory", "aborted", "Bit statespace")
 
 RIGHT = [
-    pytest.param("ring", "", marks=pytest.mark.soak),  # both readers at once: neither stores anything
+    ("ring", ""),  # both readers at once: neither stores anything
     ("ring", "TO=0 RECORDS=4 LIVES=3 SIZE=5 RETRIES=2"),
     ("ring", "FROM=1 MIXED RECORDS=5 SIZE=5 RETRIES=2"),
     ("ring", "FROM=1 MIXED RECORDS=5 SIZE=5 RETRIES=2 DEPTH=3"),
@@ -72,45 +63,28 @@ MUTANTS = [  # what is wrong in them, and the check that must find it
     ("mailbox", "SEEN_LATE STOPS CLIENTS=1", UNHEARD),  # the answer was there already
     ("mailbox", "V2_TAKEN CLIENTS=1 ACCEPTS COMMANDS=2", UNANSWERED),  # what was under way is forgotten
 ]
-SHORT = {(model, macros) for model, macros, _ in MUTANTS}
 
 
-Search = Callable[[str, str], str]
+needs_spin = pytest.mark.skipif(
+    not (shutil.which("spin") and shutil.which("gcc")), reason="spin or gcc is not there, the models were not checked; "
+    "apt-get install spin gcc")
 
 
 def ident(value: str) -> str:
     return value.replace(" ", ",") or "as it is"
 
 
-def search(folder: Path, model: str, macros: str) -> str:
-    """What spin's search says of a model, its trail added when it found an error; a long one is worth optimising."""
-    folder.mkdir()
+def search(folder: Path, model: str, macros: str, *optimised: str) -> str:
+    """What spin's search says of a model, its trail added when it found an error."""
     for source in MODELS.glob("*.pml"):
         shutil.copy(source, folder)
     defines = [f"-D{macro}" for macro in macros.split()]
     run(folder, "spin", *defines, "-a", f"{model}.pml")
-    run(folder, *BUILD, "-O0" if (model, macros) in SHORT else "-O1")
+    run(folder, *BUILD, *optimised)
     reported = run(folder, "./pan", DEEP)
     if (folder / f"{model}.pml.trail").exists():
         reported += "\n".join(run(folder, "spin", *defines, "-t", "-p", "-g", f"{model}.pml").splitlines()[-60:])
     return reported
-
-
-@pytest.fixture(scope="module")
-def searched(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Search]:
-    """What the search of a model says. Those of all the tests that were asked for begin at once."""
-    for program, remedy in (("spin", "apt-get install spin"), ("gcc", "apt-get install gcc")):
-        if shutil.which(program) is None:
-            pytest.skip(f"{program} is not there, the models were not checked; {remedy}")
-    folder = tmp_path_factory.mktemp("models")
-    asked = [getattr(item, "callspec", None) for item in request.session.items if item.path == Path(__file__)]
-    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-        reported: dict[tuple[str, str], Future[str]] = {}
-        for number, case in enumerate(spec.params for spec in asked if spec and "macros" in spec.params):
-            key = case["model"], case["macros"]
-            reported[key] = pool.submit(search, folder / str(number), *key)
-        yield lambda *key: reported[key].result()
-        pool.shutdown(cancel_futures=True)
 
 
 def run(folder: Path, *command: str) -> str:
@@ -126,43 +100,21 @@ def errors(reported: str) -> int:
     return int(found[1])
 
 
-def assert_proved(reported: str) -> None:
-    assert errors(reported) == 0, reported
-    assert not [words for words in INCOMPLETE if words in reported], reported
-
-
+@needs_spin
 @pytest.mark.slow
 @pytest.mark.searches
 @pytest.mark.parametrize(("model", "macros"), RIGHT, ids=ident)
-def test_no_interleaving_breaks_the_protocol(searched: Search, model: str, macros: str) -> None:
-    assert_proved(searched(model, macros))
+def test_no_interleaving_breaks_the_protocol(tmp_path: Path, model: str, macros: str) -> None:
+    reported = search(tmp_path, model, macros, "-O1")
+    assert errors(reported) == 0 and not [words for words in INCOMPLETE if words in reported], reported
 
 
+@needs_spin
 @pytest.mark.slow
 @pytest.mark.searches
 @pytest.mark.parametrize(("model", "macros", "check"), MUTANTS, ids=[f"{m}-{ident(x)}" for m, x, _ in MUTANTS])
-def test_a_seeded_mutant_is_found(searched: Search, model: str, macros: str, check: str) -> None:
-    reported = searched(model, macros)
+def test_a_seeded_mutant_is_found(tmp_path: Path, model: str, macros: str, check: str) -> None:
+    reported = search(tmp_path, model, macros)
     violated = re.search(r"pan:1: assertion violated +(.*) \(at depth", reported)
     assert errors(reported) == 1 and violated is not None, reported
     assert violated[1].startswith(check), f"found by another check: {violated[0]}"
-
-
-def steps(text: str, pattern: str) -> set[str]:
-    return set(re.findall(pattern, text, re.MULTILINE))
-
-
-@pytest.mark.parametrize("model", PROSE)
-def test_prose_and_model_have_the_same_steps(model: str) -> None:
-    text = (MODELS / f"{model}.pml").read_text()
-    in_model = steps(text, r"^ .*[\w);>\\].*/\* ([A-Z][1-9]) \*/$")  # behind a statement
-    assert in_model == steps(PROSE[model] or "", r"\b[A-Z][1-9]\b")
-
-
-@pytest.mark.parametrize("model", PROSE)
-def test_every_mutant_of_a_model_is_tried(model: str) -> None:
-    text = (MODELS / f"{model}.pml").read_text()
-    switches = steps(text, r"^#if.*?(\w+)\)?$") | steps(text, r"^#if !defined\((\w+)\)")
-    settings = steps(text, r"^#ifndef (\w+).*\n#define \1 ")
-    tried = {macros.split()[0] for name, macros, _ in MUTANTS if name == model}
-    assert switches - settings - {"MIXED", "ACCEPTS", "STOPS"} == tried

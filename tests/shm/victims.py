@@ -196,7 +196,7 @@ class SubscriberVictim:
 
     def __init__(self, system: str, notes: Notes) -> None:
         fields = tuple(Field(group, "<f8", "", "", group) for group in ("first", "second", "third"))
-        create_control(system, "io", topics=(Topic("telling", "io", 0, 0, fields, depth=4),))
+        create_control(system, "io", topics=(Topic("telling", "io", fields, depth=4),))
         self._system, self._notes = system, notes.words
         self._own, self._supervisors = (ControlPage(system, "io", write=True) for _ in range(2))
         self._subscriptions, self._clearing = Subscriptions(self._own), Clearing(self._supervisors)

@@ -67,7 +67,7 @@ def topic(slots: int, size: int) -> Topic:
     """A ring of so many slots, whose records carry `size` bytes that follow from their number and author."""
     fields = (Field("life", "<u8", "", "who wrote it"),
               Field("data", f"({size // 8 - 1},)<u8", "", "follows from the others"))
-    return Topic("telling", "io", 0, 0, fields, depth=slots)
+    return Topic("telling", "io", fields, depth=slots)
 
 
 def first_word(number: int, life: int) -> np.uint64:

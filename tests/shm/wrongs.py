@@ -6,16 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
-from trocar.shm.mailbox.mailbox import COMMAND_START, COMMANDS_OF, FAILED, REPLY_START, Mailbox, Received
+from trocar.shm.mailbox.mailbox import FAILED, REPLY_START, Mailbox, Received
 from trocar.shm.mailbox.mailbox_map import COMMANDS_DEPTH, REPLIES_DEPTH
 from trocar.shm.mailbox.place import MailboxFull, Place
 from trocar.shm.memory import segment
 from trocar.shm.ring import ring
 from trocar.shm.ring.ring import HEAD, RingReader, RingWriter
 from trocar.shm.system.subscriptions import Clearing, Subscriber
-from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.wakeup import Wakeup
 
 
@@ -115,17 +112,14 @@ def half_an_answer() -> None:
 def sent_first() -> None:
     """M3 before M2: the owner is told of a command that is not there yet."""
 
-    def send(self: Place, name: str, values: Any = (), text: str = "") -> int:
+    def send(self: Place, *given: Any, **more: Any) -> int:
         n = self._count + 1
         if n - self._words[self._taken] > COMMANDS_DEPTH:
             raise MailboxFull("full")
-        self._count = self._words[self._sent] = n  # M3
-        at, numbers = self._queue[n % COMMANDS_DEPTH] + COMMAND_START, np.asarray(values, dtype=np.float64)
-        COMMANDS_OF[len(numbers)].pack_into(
-            self._view, at, monotonic_ns(), n, 1, 0, self._codes[name], len(numbers), b"", text.encode(),  # M2
-            *numbers)
-        return n
+        self._words[self._sent] = n  # M3
+        return honest(self, *given, **more)  # M2
 
+    honest = Place.send
     Place.send = send  # type: ignore[method-assign]
 
 
@@ -155,11 +149,11 @@ WRONGS: dict[str, tuple[Callable[[], None], str, int, int]] = {
     "forgotten record": (forgotten_record, "writer", 1, 100),
     "same epoch": (same_epoch, "writer", 1, 2),
     "deep sleep": (deep_sleep, "reader", 1, 100),
-    "sent first": (sent_first, "client", 1, 100),
-    "stop sent first": (sent_first, "who stops", 100, 400),
-    "run, then taken": (run_then_taken, "owner", 100, 300),
-    "silence": (silence, "owner", 100, 300),
-    "half an answer": (half_an_answer, "owner", 200, 400),
+    "sent first": (sent_first, "client", 100, 300),
+    "stop sent first": (sent_first, "who stops", 320, 200),
+    "run, then taken": (run_then_taken, "owner", 280, 200),
+    "silence": (silence, "owner", 130, 200),
+    "half an answer": (half_an_answer, "owner", 330, 200),
     "clear the living": (clear_the_living, "subscriber", 1, 10),
     "come as the dead": (come_as_the_dead, "subscriber", 1, 100),
 }

@@ -20,7 +20,8 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PROCS = str(ROOT / "procs") + os.sep
+HERE = str(ROOT) + os.sep
+FOLDERS = ("procs/", "tests/soak/")
 FOUND: dict[str, tuple[float, dict[str, list[int]]]] = {}
 SEEN: set[CodeType] = set()
 
@@ -48,8 +49,9 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         threading.settrace(None)  # type: ignore[arg-type]
         functions: dict[str, list[int]] = {}
         for code in SEEN:
-            if code.co_filename.startswith(PROCS):
-                functions.setdefault(os.path.relpath(code.co_filename, ROOT), []).append(code.co_firstlineno)
+            path = code.co_filename.removeprefix(HERE).removeprefix("trocar/")  # which holds links to folders
+            if path.startswith(FOLDERS):
+                functions.setdefault(path, []).append(code.co_firstlineno)
         FOUND[item.nodeid] = time.monotonic() - begin, functions
 
 

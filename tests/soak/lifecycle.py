@@ -37,6 +37,7 @@ SETTLE_S: Final = 90.0  # whoever is stopped in its setup is killed after 60 s
 LINGER_S: Final = 0.3
 APART_NS: Final = 300_000_000
 """What two clients ask for within this may be carried out in either order."""
+COARSE: Final = ("io.period_s=0.005", "arm.period_s=0.005")  # rates are not the subject
 STEADY, WANTED = "steady", "wanted"
 """A process that always runs, and one that runs on demand."""
 ALWAYS: Final = ("io", "PSM1", STEADY)
@@ -86,7 +87,7 @@ class RandomWalk:
 
     def run(self, steps: int, clock: str) -> list[str]:
         """So many steps; returns what is wrong."""
-        with up_meanwhile(StartRequest(self._file(), self.name, sets=(f"clock={clock}",))) as background:
+        with up_meanwhile(StartRequest(self._file(), self.name, sets=(f"clock={clock}", *COARSE))) as background:
             self.clients = [LifecycleClient(self.name) for _ in range(CLIENTS)]
             try:
                 self._settle(background)

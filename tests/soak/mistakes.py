@@ -36,7 +36,7 @@ MAX_NUMBER = 1000
 MODULES = (
     "procs/io/pid.py", "procs/fpga/velocity.py", "procs/io/safety.py", "procs/io/setpoint_tracker.py",
     "procs/io/power.py", "procs/io/fault_handler.py", "procs/arm/motion.py", "procs/arm/joints.py",
-    "procs/arm/governor.py", "procs/arm/streams.py", "tests/soak/judge.py",
+    "procs/arm/governor.py", "procs/node/streams.py", "tests/soak/judge.py",
     "procs/arm/effort*.py", "procs/teleop/*.py", "procs/console/*.py", "procs/suj/*.py", "procs/config/read/*.py",
     "procs/config/models/*.py", "procs/config/loading/io_checks.py",
 )

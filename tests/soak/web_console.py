@@ -24,6 +24,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.soak.flat import Footprint
+from trocar.procs.machine.free_port import reserved_port
 from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.bench.beside import MovingArms
@@ -32,7 +33,6 @@ from trocar.tools.bench.measuring import FULL
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
-from trocar.tools.systems.web_address import reserved_port
 
 EVERY_S: Final = 2.0
 """Between two visits, however long they take: pages that nobody connected to are kept for a minute, about 1 MB each."""

@@ -105,7 +105,7 @@ async def bridge(name: str, settings: SocketBridge = LOCAL, *, begins: bool = Fa
         try:
             yield made[0]
         finally:
-            server.close()
+            await server.close()
             faults.close()
             for _ in range(3):
                 await asyncio.sleep(0)

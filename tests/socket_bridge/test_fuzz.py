@@ -53,10 +53,9 @@ def tell(world: Any, count: int, seed: int) -> None:
     run(story())
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_random_messages_are_answered_and_leave_nothing(world: Any, monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+def test_random_messages_are_answered_and_leave_nothing(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "MANY_WRONG", 1 << 30)
-    tell(world, 300, seed)
+    tell(world, 500, 1)
 
 
 @pytest.mark.soak

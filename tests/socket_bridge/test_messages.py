@@ -15,6 +15,7 @@ from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
 from websockets.uri import parse_uri
 
+from tests.examples import examples
 from trocar.procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
 from trocar.procs.socket_bridge.framing import Ended, LineFraming, WebSocketFraming, framing_of
 from trocar.procs.socket_bridge.messages import OPS
@@ -37,9 +38,9 @@ def test_random_bytes_are_messages_or_mistakes(data: bytes) -> None:
     assert outcome(data)
 
 
+@examples(20)
 @given(st.sampled_from(["hello", "read", "subscribe", "call", "set", "x"]),
        st.dictionaries(st.sampled_from(["id", "topic", "to", "command", "values", "text", "rate_hz", "of"]), ANY))
-@pytest.mark.slow
 def test_random_parts_are_messages_or_mistakes(op: str, parts: dict[str, Any]) -> None:
     assert outcome(json.dumps({"op": op, **parts}).encode())
 

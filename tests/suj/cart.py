@@ -74,7 +74,7 @@ class Orders(Guarded):
 
     def __init__(self) -> None:
         super().__init__("io", NoFaults())
-        self.waiting: list[FakeCommand] = []
+        self.commands, self.waiting = self, list[FakeCommand]()
         self.log: list[tuple[str, str, tuple[float, ...]]] = []
         self.lose = ""
 
@@ -85,14 +85,14 @@ class Orders(Guarded):
 
 
 class Cart(SetupHarness):
-    """`run` steps everything; every third cycle of io is one of the setup joints."""
+    """`run` steps everything; a cycle of the setup joints is one of a quick io, else every third."""
 
     def __init__(self, memory: FakeMemory | None = None, harness: BoardsHarness | None = None, *,
                  quick: bool = True) -> None:
-        """`quick`: emulated inputs need no time to settle, and are without noise."""
-        self._multiplexer = Multiplexer(6, 5_000_000) if quick else Multiplexer()
+        """`quick`: emulated inputs need no time to settle, and are without noise; io has longer cycles."""
+        self._multiplexer = Multiplexer(2, 5_000_000) if quick else Multiplexer()
         loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")],
-                             boards="emulated")
+                             boards="emulated", sets=["io.period_s=0.002"] if quick else ())
         assert loaded.system is not None
         self.harness = harness or BoardsHarness(loaded.system, "IO1", driven=True)
         self.orders, self.records = Orders(), Records(self.harness.record)
@@ -108,9 +108,9 @@ class Cart(SetupHarness):
 
     def _classic(self, cart, setups, reports, field, setpoint) -> Classic:
         io, events = self.harness.io, CartIoEvents(self.harness.events)
-        board = InterfaceBoard(io, "SUJ", self.records, self.orders,
+        board = InterfaceBoard(io, io.place("SUJ"), self.records, self.orders,
                                fault_reports(lambda: self.records.stamp_ns, events, "SUJ"),
-                               power_reports(self.records.field, io, self.harness.robots.names.index("SUJ")))
+                               power_reports(self.records.field, io, io.place("SUJ")))
         return Classic(cart, setups, board, reports, field, setpoint, self._multiplexer)
 
     @property
@@ -119,7 +119,7 @@ class Cart(SetupHarness):
 
     def run(self, seconds: float, *requests: FakeCommand) -> None:
         for _ in range(round(seconds * 500)):
-            for _ in range(3):
+            for _ in range(round(2e6 / self.harness.period_ns)):
                 commands, self.orders.waiting = self.orders.waiting, []
                 self.harness.cycle(commands)
                 self.records.push(self.harness.clock.ns)

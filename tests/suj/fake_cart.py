@@ -60,9 +60,9 @@ class LoggedCell(FakeCell):
         super().fault()
         self.log.append("fault")
 
-    def switched_off(self, origin: int) -> None:
+    def switched_off(self, origin: Origin) -> None:
         super().switched_off(origin)
-        self.log.append(f"switched off by {origin}")
+        self.log.append(f"switched off by {origin.id}")
 
 
 class LoggedReports(FakeSetupReports):
@@ -90,7 +90,7 @@ class FakeCartIo(Guarded):
     def __init__(self, log: list[str]) -> None:
         super().__init__("io", FakeCell())
         self.log, self.volts = log, np.zeros((PLUGS, 16))
-        self.pressed: set[str] = set()
+        self.commands, self.pressed = self, set[str]()
         self.channel, self.has_supply, self.alive, self.valid, self.deaf = 3, True, True, True, False
         self.power_at_ns = self.lost = self.stamp_ns = 0
         self.epoch = 1
@@ -123,7 +123,7 @@ class FakeCartIo(Guarded):
         elif name == "power_on":
             self.flags["power_requested"], self.flags["fault"], self.power_at_ns = 1, 0, self.stamp_ns + 40 * MS
         elif name == "power_off":
-            self.cell.switched_off(self.origin.id)
+            self.cell.switched_off(self.origin)
             self.flags |= {"power_requested": 0, "powered": 0, "amps_on": 0, "pid_enabled": 0}
         elif name == "pid_enable":
             self.flags |= {"pid_enabled": 1, "pid_generation": self.flags["pid_generation"] + 1}

@@ -13,7 +13,7 @@ from trocar.procs.document.system import Cart, SystemConfig
 from trocar.procs.kinematics import poses
 from trocar.procs.node.inputs import SETUP_LATE_S, Input
 from trocar.procs.suj.frames import CarriedTip
-from trocar.procs.suj.joints import SetupJoints
+from trocar.procs.suj.joints import SetupContext, SetupJoints
 from trocar.procs.suj.setups import Setups
 from trocar.procs.tables.codes import ERROR, Code
 from trocar.shm.memory.layout import schema_of
@@ -101,8 +101,8 @@ class SetupHarness:
                 for arm in cart.arms]
         made = source(cart, setups, self.reports, self.memory.field, self.setpoint.field) if source else None
         self.source = made
-        self.joints = SetupJoints(cart, self.memory.field, setups, made, self.reports, tips,
-                                  on_behalf=on_behalf)
+        self.joints = SetupJoints(cart, setups, made, SetupContext(
+            self.memory.field, self.reports, tips, on_behalf=on_behalf or (lambda origin: None)))
 
     def tips(self, **of: np.ndarray) -> None:
         """These carried arms show their tips here, from now on in every step."""

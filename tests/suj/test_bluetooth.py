@@ -43,7 +43,7 @@ def naps(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     async def sleep(seconds: float) -> None:
         found.append(seconds)
 
-    monkeypatch.setattr(bluetooth.asyncio, "sleep", sleep)
+    monkeypatch.setattr(asyncio, "sleep", sleep)
     FakeBoard.made = []
     return found
 
@@ -80,7 +80,7 @@ def test_without_the_package_each_board_is_told_so(monkeypatch: pytest.MonkeyPat
     with pytest.raises(SystemExit) as ended:
         bluetooth.main()
     assert ended.value.code == 1
-    assert [(row["board"], "not installed" in row["problem"]) for row in said(capsys)] == [("AA", True), ("BB", True)]
+    assert [(row["board"], "pip install" in row["problem"]) for row in said(capsys)] == [("AA", True), ("BB", True)]
 
 
 def test_the_reader_ends_in_order_when_nobody_listens(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,9 +39,11 @@ def arm(name: str, io: str, *buttons: str) -> Any:
 
 def io_with(*brakes_of: str) -> Any:
     """An io that releases the brakes under these robots."""
+    robots = ["PSM1_robot", "PSM2_robot", "ECM_robot"]
     return SimpleNamespace(
+        place=lambda name: SimpleNamespace(row=robots.index(name)),
         digital_inputs=[SimpleNamespace(name=name) for name in ("other", "clutch", "clutch_2")],
-        robots=[SimpleNamespace(name=name) for name in ("PSM1_robot", "PSM2_robot", "ECM_robot")],
+        robots=[SimpleNamespace(name=name) for name in robots],
         digital_outputs=[SimpleNamespace(set_by="setup_brake", robot=robot) for robot in brakes_of])
 
 
@@ -87,7 +89,7 @@ class Mailbox:
     """What an io is asked."""
 
     def __init__(self) -> None:
-        self.sent: list[tuple[str, tuple[float, ...], str]] = []
+        self.commands, self.sent = self, list[tuple[str, tuple[float, ...], str]]()
 
     def send(self, name: str, values: tuple[float, ...], text: str) -> None:
         self.sent.append((name, values, text))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.arm.fake_requests import FakeRequest
+from tests.arm.fake_requests import PERSON, FakeRequest
 from tests.suj.fake_cart import MS, cart_of, setup_arm
 from tests.suj.harness import FakeMemory
 from tests.suj.test_traces import CartPlay
@@ -45,7 +46,8 @@ class QuietCart(CartPlay):
             self.step()
 
     def ask(self, name: str, text: str = "", *values: float) -> FakeRequest:
-        request = FakeRequest(name, values, text)
+        """An operator asks, who has seen all faults until now."""
+        request = FakeRequest(name, values, text, origin=replace(PERSON, generation=self.io.cell.valid_from))
         self.step(2, request)
         return request
 
@@ -70,6 +72,17 @@ def test_channels_are_sixty_samples_after_thirty_ms() -> None:
             taken += 1
         assert asked == (INCREMENT if channel < 15 else RESET)
     assert multiplexer.rounds == 1 and taken == 960 and (multiplexer.volts == 29.5).all()
+
+
+def test_leaving_fault_makes_no_command_of_before_it_valid(enabled: QuietCart) -> None:
+    """Else a bring-up, whose command disables them first, would power them after a fault that came after it."""
+    cell: Any = enabled.joints._context.faults
+    enabled.io.trip(3)
+    enabled.run(20)
+    assert enabled.now_in is SetupState.FAULT
+    before = cell.valid_from
+    enabled.ask("state_command", "disable")
+    assert enabled.now_in is SetupState.DISABLED and (cell.valid_from, cell.exempt_origin) == (before, 0)
 
 
 def test_the_lift_goes_for_a_second_to_the_cycle(enabled: QuietCart) -> None:
@@ -338,7 +351,7 @@ def test_a_setup_arm_without_joints_has_no_pose_by_them() -> None:
     cart: Any = SimpleNamespace(arms=(setup_arm("PSM1", 0, chain=None),))
     setups = Setups(cart, FakeMemory(SUJ_STATE, setups=1).field)
     with pytest.raises(ValueError, match="PSM1 has no joints"):
-        setups.harness(0, HERE)
+        setups.set_joints(0, HERE)
     setups.put(0, matrix_from_pose(np.array((0.1, 0, 0, 0, 0, 0, 1.0))))
     assert setups.valid[0]
 

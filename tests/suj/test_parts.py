@@ -258,7 +258,7 @@ def test_a_loss_of_power_ends_the_clutch_of_an_si_arm_by_command(si: SetupHarnes
     si.asked.clear()
     run(si, 0.1)
     assert not si.asked and not si.field("clutched").any()
-    assert si.reports.of("warning") == ["PSM1: clutched by command until power went off; its brakes hold"]
+    assert si.reports.of("warning") == ["PSM1: clutch command ended: power went off; brakes engaged"]
     assert si.ask("clutch", "PSM1", 1.0).outcome == "done"
 
 

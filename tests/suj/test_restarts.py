@@ -82,14 +82,16 @@ def without_io(cart: QuietCart) -> None:
 
 EVERYWHERE = (disabled, enabled)
 STATES = [
-    *((CLASSIC, way) for way in (disabled, powering, almost_enabled, enabled, clutched_by_button, clutched_by_command,
-                                 lifting_by_button, lifting_by_command, in_fault, without_io)),
-    *((SI, way) for way in (*EVERYWHERE, clutched_by_button, clutched_by_command)),
-    *((kind, way) for kind in ("KINEMATIC", FIXED) for way in EVERYWHERE)]
+    *((CLASSIC, way, away) for way in (disabled, powering, almost_enabled, enabled, clutched_by_button,
+                                       clutched_by_command, lifting_by_button, lifting_by_command, in_fault, without_io)
+      for away in AWAY_MS),
+    *((SI, way, "killed") for way in (*EVERYWHERE, clutched_by_button, clutched_by_command)),
+    (SI, clutched_by_button, "stalled for 31 ms"),
+    *((kind, way, "killed") for kind in ("KINEMATIC", FIXED) for way in EVERYWHERE)]
 
 
-@pytest.mark.parametrize("away", AWAY_MS)
-@pytest.mark.parametrize(("kind", "reach"), STATES, ids=[f"{kind} {way.__name__}" for kind, way in STATES])
+@pytest.mark.parametrize(("kind", "reach", "away"), STATES,
+                         ids=[f"{kind} {way.__name__} {away}" for kind, way, away in STATES])
 def test_all_that_a_new_process_orders_of_io_is_accepted(kind: str, reach: Callable[[QuietCart], None],
                                                          away: str) -> None:
     cart = QuietCart(kind)

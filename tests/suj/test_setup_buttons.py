@@ -34,7 +34,7 @@ def test_a_loss_of_power_ends_what_was_commanded_before_it(enabled: QuietCart, l
         enabled.step()
         reported += enabled.said("clutch-released")
     assert not enabled.state_of("clutched").any() and enabled.state_of("lift") == 0.0
-    assert len(reported) == 1 and "PSM1: clutched by command until power went off; its brakes hold" in reported[0]
+    assert len(reported) == 1 and "PSM1: clutch command ended: power went off; brakes engaged" in reported[0]
     enabled.io.has_supply = True
     enabled.ask("state_command", "home")
     enabled.run(300)

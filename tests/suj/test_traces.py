@@ -16,12 +16,13 @@ from tests.suj.fake_cart import BUTTONS, MS, NAMES, FakeCartIo, FakePotLink, Log
 from tests.suj.harness import FakeMemory, FakeRing
 from tests.traces import Mishaps, Trace, shown
 from trocar.procs.document.cart import CLASSIC, FIXED, SI
+from trocar.procs.document.system import RecordPlace
 from trocar.procs.kinematics.poses import matrix_from_pose
 from trocar.procs.node.inputs import SETUP_LATE_S, Input
 from trocar.procs.suj.classic import Classic
 from trocar.procs.suj.frames import CarriedTip
 from trocar.procs.suj.interface_board import InterfaceBoard
-from trocar.procs.suj.joints import SetupJoints
+from trocar.procs.suj.joints import SetupContext, SetupJoints
 from trocar.procs.suj.multiplexer import Multiplexer
 from trocar.procs.suj.pots import Potentiometers
 from trocar.procs.suj.setups import Setups
@@ -76,7 +77,9 @@ class CartPlay:
         self.classic: Classic | None = None
         if self.kind == CLASSIC:
             self.io_stall = ""
-            board = InterfaceBoard(self.io.document, "SUJ", self.io, self.io,  # type: ignore[arg-type]
+            io = self.io.document
+            place = RecordPlace(1, io.robots[1], slice(2, 6), slice(6, 6))
+            board = InterfaceBoard(io, place, self.io, self.io,  # type: ignore[arg-type]
                                    io_stall=lambda since_ns: self.io_stall)
             self.classic = source = Classic(self.cart, setups, board, reports, field, self.setpoint.field,
                                             Multiplexer(2, 4 * MS))
@@ -84,8 +87,8 @@ class CartPlay:
                 for arm, ring in zip(self.cart.arms, self.tips, strict=True)]
         made = source or (Si(self.cart, setups, self.link, reports, field,  # type: ignore[arg-type]
                              lambda now_ns: (self.pressed, self.powered), self.let_go) if self.kind == SI else None)
-        self.joints = SetupJoints(self.cart, field, setups, made, reports, tips, LoggedCell(self.log),
-                                  self.io.on_behalf)
+        self.joints = SetupJoints(self.cart, setups, made, SetupContext(
+            field, reports, tips, LoggedCell(self.log), self.io.on_behalf))
 
     def let_go(self, place: int, on: bool) -> None:
         """Of Si brakes, those of a step as one."""
@@ -157,7 +160,8 @@ class CartPlay:
             origin = Origin(len(self.trace.lines) * self.chance.randrange(2), self.io.cell.valid_from, "play")
             requests.append(FakeRequest(name, values, text, origin=origin))
         if self.kind == CLASSIC and self.joints.machine.state in ("DISABLED", "FAULT") and self.chance.random() < 0.05:
-            requests.append(FakeRequest("state_command", (), self.chance.choice(("home", "enable"))))
+            word, origin = self.chance.choice(("home", "enable")), Origin(1, self.io.cell.valid_from, "test")
+            requests.append(FakeRequest("state_command", (), word, origin=origin))
         for _ in range(ms // 2):
             self.now_ns += 2 * MS
             if self.kind == CLASSIC:

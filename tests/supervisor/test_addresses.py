@@ -6,14 +6,14 @@ import os
 import socket
 from dataclasses import replace
 
-from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.config import PROJECT_CONFIGS, Machine, load_system
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.supervisor.addresses import BUS_PORT, at_free_addresses, free_address
 
 
 def demo(name: str) -> SystemConfig:
     loaded = load_system(PROJECT_CONFIGS / "systems/demo.yaml", boards="emulated", name=name,
-                         bus_address=free_address(name)).system
+                         machine=Machine(free_address(name))).system
     assert loaded is not None
     return loaded
 

@@ -39,6 +39,7 @@ class AnyOrder(RuleBasedStateMachine):
         request = PlayedRequest(name, "force")
         self.asked[client].append(request)
         self.requests.take(request)  # type: ignore[arg-type]  # what is not asked for is not played
+        self.child.ensure()
         self.wanted = name != "stop"
 
     @rule(client=CLIENTS, name=st.sampled_from(("start", "stop", "restart")))
@@ -56,7 +57,7 @@ class AnyOrder(RuleBasedStateMachine):
         """The supervisor looks."""
         self.clock.passes(seconds)
         self.child.look()
-        self.child.restart_when_due()
+        self.child.ensure()
         self.requests.answer()
 
     @rule(code=st.sampled_from((0, 3, -9)))
@@ -101,6 +102,7 @@ class AnyOrder(RuleBasedStateMachine):
             self.process.goes_on()
             self.clock.passes(4.0)
             self.child.look()
+            self.child.ensure()
             self.requests.answer()
         assert not self.process.runs and self.child.is_down
         for request in (each for client in self.asked for each in client):
@@ -108,4 +110,4 @@ class AnyOrder(RuleBasedStateMachine):
 
 
 TestAnyOrder = AnyOrder.TestCase
-TestAnyOrder.settings = examples(100, stateful_step_count=60)
+TestAnyOrder.settings = examples(50, stateful_step_count=60)

@@ -9,7 +9,7 @@ import pytest
 from tests.supervisor.played import Clock, PlayedProcess, PlayedRequest, played
 from trocar.procs.document.process import ON_DEMAND
 from trocar.procs.node.setup_error import STAYS, LastingError, SetupError, exit_code
-from trocar.procs.supervisor.children import SETUP_S, TRACE_S, Child, Circle, Ending, waves
+from trocar.procs.supervisor.children import SETUP_S, TRACE_S, Child, Ending, waves
 from trocar.procs.supervisor.requests import Requests
 from trocar.procs.supervisor.run import by_state
 from trocar.procs.supervisor.supervisor import BEAT_S
@@ -29,6 +29,8 @@ class IoAndArm:
         """A command arrives."""
         request = PlayedRequest(name, text)
         self.requests.take(request)  # type: ignore[arg-type]  # what is not asked for is not played
+        self.io.ensure()
+        self.arm.ensure()
         return request
 
     def goes_on(self) -> None:
@@ -36,7 +38,7 @@ class IoAndArm:
         for child, process in ((self.io, self.io_process), (self.arm, self.process)):
             process.goes_on()
             child.look()
-            child.restart_when_due()
+            child.ensure()
         self.requests.answer()
 
 
@@ -46,6 +48,7 @@ def system() -> IoAndArm:
     made = IoAndArm()
     made.io.start()
     made.arm.start()
+    made.goes_on()
     made.goes_on()
     assert made.io.is_up and made.arm.is_up
     return made
@@ -83,6 +86,7 @@ def test_who_starts_a_users_process_hears_that_it_ends_at_once_again() -> None:
     for ends_after_s in 0.2, 1.0:
         started = PlayedRequest("start", "exits")
         requests.take(started)  # type: ignore[arg-type]
+        child.ensure()
         process.goes_on()
         child.look()
         requests.answer()
@@ -173,6 +177,7 @@ def test_a_users_process_writes_where_it_hangs_and_is_killed_when_it_cannot() ->
     child, process = played("camera", "user", clock)
     for stopped in False, True:
         child.start()
+        child.ensure()
         process.goes_on()
         process.stopped = stopped
         child.kill_hung(5.0)
@@ -193,7 +198,7 @@ def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAn
             waits.append((system.arm.restart_at_ns - system.clock.now_ns) * 1e-9)
             assert system.arm.shown_reason == f"exit code 4: ; automatic restart {len(waits)} of 5"
             system.clock.passes(waits[-1])
-            assert system.arm.restart_when_due()
+            assert system.arm.ensure()
             system.process.goes_on()
     assert waits == pytest.approx([0.2, 0.4, 0.8, 1.6, 3.2])
     assert system.arm.reason.endswith("given up after 5 restarts")
@@ -242,7 +247,7 @@ def test_processes_start_in_waves_and_circles_are_named() -> None:
     rows = [child.row for child, _ in (played("PSM1", "arm", clock, ("IO1",)), played("IO1", "io", clock))]
     assert [[row.name for row in wave] for wave in waves(rows)] == [["IO1"], ["PSM1"]]
     rows = [played("A", "arm", clock, ("B",))[0].row, played("B", "arm", clock, ("A",))[0].row]
-    with pytest.raises(Circle, match="A, B: each waits"):
+    with pytest.raises(SetupError, match="A, B: each waits"):
         waves(rows)
 
 
@@ -263,6 +268,7 @@ def test_what_runs_what_starts_and_what_waits_is_listed() -> None:
         children.append(child)
         if name != "gui":
             child.start()
+            child.ensure()
         if name == "PSM1":
             process.goes_on()
     children[2].row = dataclasses.replace(children[2].row, start=ON_DEMAND)

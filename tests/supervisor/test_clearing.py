@@ -6,6 +6,7 @@ from tests.conftest import World
 from trocar.procs.document.system import Process, SystemConfig
 from trocar.procs.supervisor import memory
 from trocar.procs.supervisor.memory import CLEAR_NS, Clearings
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.system.subscriptions import Subscriber, Subscriptions
 from trocar.shm.time.control_page import ControlPage
 
@@ -27,4 +28,4 @@ def test_what_the_dead_wanted_is_cleared_when_it_is_time(world: World) -> None:
     assert all(one.look() and not one.wanted for one in seen)
     for page in pages:
         page.close()
-    memory.remove_all(world.name)
+    remove_all(world.name)

@@ -30,8 +30,8 @@ class Wanted:
             self.clock.passes(0.02)
             self.process.goes_on()
             self.child.look()
-            self.child.restart_when_due()
             self.demand.beat()
+            self.child.ensure()
         return self.child.state
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import stat
 from pathlib import Path
 
@@ -11,7 +12,8 @@ import pytest
 from trocar.procs.document.bridges import WebConsole
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.machine.access import token_in
-from trocar.procs.machine.paths import token_file
+from trocar.procs.machine.paths import NoStateFolder, token_file
+from trocar.procs.supervisor import gui_token as gui_token_module
 from trocar.procs.supervisor.gui_token import gui_token, told
 
 
@@ -41,6 +43,18 @@ def test_what_was_left_or_put_there_is_not_used(tmp_path: Path, monkeypatch: pyt
     path.symlink_to(elsewhere)
     with gui_token(document):
         assert not path.is_symlink() and path.read_text() != elsewhere.read_text() == "0123456789abcdef"
+
+
+def test_a_full_disk_is_named_with_the_setting_that_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    document, path = served(tmp_path, monkeypatch)
+
+    def full(count: int) -> str:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(gui_token_module.secrets, "token_hex", full)
+    with pytest.raises(NoStateFolder, match="No space left on device; set TROCAR_STATE"), gui_token(document):
+        pass
+    assert not path.exists()
 
 
 def test_it_is_printed_on_a_terminal_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from trocar.procs.document.system import Process
 from trocar.procs.supervisor.judge import HUNG, LATE, OWN_LATE_NS, RESUMED, Judge, JudgedProcess
-from trocar.procs.tables.manifest import SIMULATED_HUNG_S, hung_s, late_s
+from trocar.procs.tables.manifest import SIMULATED_HUNG_S, hung_s, late_s, rest_periods, silence_s
 
 BEAT_NS = 20_000_000
 Marks = Callable[[int], int]
@@ -62,8 +62,8 @@ def test_slow_cycles_one_after_the_other_are_one_episode() -> None:
 
 def test_who_shows_in_some_of_our_beats_that_it_goes_on_is_not_judged_for_what_held_us_up() -> None:
     assert judged(0.9, beating, until(0.1, 0.2), held_up=(3, 20, 40)) == []
-    whats = judged(0.45, beating, still, held_up=(3, 20))  # 0.5 s of what held us up count, of 4 s
-    assert [what for _, what in whats] == [f"B {LATE}"]
+    reports = judged(0.45, beating, still, held_up=(3, 20))  # 0.5 s of what held us up count, of 4 s
+    assert [what for _, what in reports] == [f"B {LATE}"]
 
 
 @pytest.mark.parametrize("beat_ns", [BEAT_NS, OWN_LATE_NS + 1, 200_000_000])
@@ -88,13 +88,23 @@ def test_who_waits_for_one_that_hangs_is_spared() -> None:
     assert found == [f"boards {HUNG}"]
 
 
-@pytest.mark.parametrize(("kind", "period_s", "late", "hung"), [
-    ("io", 1 / 1500, 0.03, 1.0), ("system", 0.01, 0.03, 1.0), ("teleop", 0.001, 0.03, 1.0), ("teleop", 0.1, 2.0, 2.0),
-    ("console", 0.1, 0.2, 1.0),
+@pytest.mark.parametrize(("kind", "period_s", "late", "silence", "hung"), [
+    ("io", 1 / 1500, 0.03, 0.03, 1.0), ("arm", 1 / 1500, 0.03, 0.03, 1.0), ("system", 0.01, 0.03, 0.06, 1.0),
+    ("teleop", 0.001, 0.03, 0.2, 1.0), ("teleop", 1.0, 2.0, 2.0, 2.0), ("console", 0.1, 0.2, 0.2, 1.0),
 ])
-def test_limits_leave_everybody_time_to_sleep(kind: str, period_s: float, late: float, hung: float) -> None:
+def test_limits_leave_everybody_time_to_sleep(kind: str, period_s: float, late: float, silence: float, hung: float
+                                              ) -> None:
     row = Process("A", kind, period_s)
-    assert (late_s(row), hung_s(row, simulated=False)) == (pytest.approx(late), pytest.approx(hung))
+    assert (late_s(row), silence_s(row), hung_s(row, simulated=False)) == pytest.approx((late, silence, hung))
+
+
+@pytest.mark.parametrize(("kind", "period_s", "timeout_s", "periods"), [
+    ("arm", 1 / 1500, 0.03, 15), ("arm", 1 / 1500, 0.006, 3), ("arm", 1 / 1500, 0.001, 1), ("arm", 0.02, 0.03, 1),
+    ("teleop", 0.001, math.inf, 100), ("console", 0.01, math.inf, 2), ("io", 1 / 1500, math.inf, 1),
+])
+def test_a_process_at_rest_keeps_to_a_third_of_the_timeout_of_its_readers(
+        kind: str, period_s: float, timeout_s: float, periods: int) -> None:
+    assert rest_periods(Process("A", kind, period_s), timeout_s) == periods
 
 
 def test_limits_are_those_configured() -> None:

@@ -1,4 +1,4 @@
-"""The lifecycle table, walked over every pair."""
+"""The states of an instance, over every pair of a state and an event."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trocar.procs.tables.lifecycle import ASK, BEGIN, EVENTS, STATES, TABLE, step
+from tests.supervisor.played import Clock, PlayedProcess, played
+from trocar.procs.supervisor.children import Child
 
+STATES = {"STOPPED": (), "RUNNING": ("start",), "STOPPING": ("start", "stop"), "RESTARTING": ("start", "stop", "start")}
+EVENTS = ("start", "stop", "quit")
 EXPECTED = {
     ("STOPPED", "start"): "RUNNING",
     ("STOPPED", "stop"): "STOPPED",
@@ -26,30 +29,35 @@ EXPECTED = {
 }
 
 
+def beat(child: Child, process: PlayedProcess, event: str) -> None:
+    """The event, then what the supervisor does in each beat, twice: the second one changes nothing."""
+    if event == "quit":
+        process.ends(0)
+    else:
+        {"start": child.start, "stop": child.stop}[event]()
+    for _ in range(2):
+        child.look()
+        before = process.begun
+        child.ensure()
+    assert process.begun == before
+
+
 @pytest.mark.parametrize("pair", list(itertools.product(STATES, EVENTS)), ids="-".join)
 def test_every_pair_goes_where_the_design_says(pair: tuple[str, str]) -> None:
-    assert step(*pair)[0] == EXPECTED[pair]
-
-
-def test_the_table_holds_known_names_only() -> None:
-    assert {s for s, _ in TABLE} | {s for s, _ in TABLE.values()} == set(STATES)
-    assert {e for _, e in TABLE} == set(EVENTS)
-
-
-def test_a_process_begins_on_entering_running_and_is_asked_to_end_on_leaving_it_by_stop() -> None:
-    for state, event in itertools.product(STATES, EVENTS):
-        then, done = step(state, event)
-        assert (done == BEGIN) == (then == "RUNNING" and state != "RUNNING")
-        assert (done == ASK) == ((state, then) == ("RUNNING", "STOPPING"))
+    child, process = played("force", "arm", Clock())
+    for event in STATES[pair[0]]:
+        beat(child, process, event)
+    assert child.state == pair[0]
+    begun, asked = process.begun, process.asked
+    beat(child, process, pair[1])
+    assert child.state == EXPECTED[pair]
+    assert (process.begun > begun) == (child.state == "RUNNING" and pair[0] != "RUNNING"), "begins on entering RUNNING"
+    assert (process.asked and not asked) == (pair == ("RUNNING", "stop")), "is asked to end on leaving it by a stop"
 
 
 @given(st.lists(st.sampled_from(EVENTS)))
 def test_at_most_one_process_ever_runs(events: list[str]) -> None:
-    state, running = "STOPPED", 0
+    child, process = played("force", "arm", Clock())
     for event in events:
-        if event == "quit" and not running:
-            continue  # only what runs can end
-        running -= event == "quit"
-        state, done = step(state, event)
-        running += done == BEGIN
-        assert running == (state != "STOPPED")
+        beat(child, process, event)  # `begin` refuses a second one
+        assert process.runs == (child.state != "STOPPED")

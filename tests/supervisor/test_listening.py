@@ -13,7 +13,8 @@ from contextlib import closing
 import pytest
 
 from trocar.procs.document.process import Process, host_and_port
-from trocar.procs.supervisor.listening import LOOK_NS, AddressTaken, Listening
+from trocar.procs.node.setup_error import SetupError
+from trocar.procs.supervisor.listening import LOOK_NS, Listening
 from trocar.procs.supervisor.os_process import HANDOVER, ROOT
 
 HOST = "127.91.9.16"
@@ -74,12 +75,12 @@ def test_who_waits_for_one_that_will_not_be_there_is_turned_away(listening: List
 
 def test_an_address_in_use_names_who_has_it(listening: Listening) -> None:
     address = "{}:{}".format(*listening.sockets[0].getsockname())
-    with pytest.raises(AddressTaken, match=rf"gui cannot listen at {address}: .*\(pid \d+\) has {address}"):
+    with pytest.raises(SetupError, match=rf"gui cannot listen at {address}: .*\(pid \d+\) has {address}"):
         Listening(row(free(), address))
 
 
 def test_an_address_that_this_machine_has_not_is_an_error() -> None:
-    with pytest.raises(AddressTaken, match=r"gui cannot listen at 192\.0\.2\.1:8080: Cannot assign"):
+    with pytest.raises(SetupError, match=r"gui cannot listen at 192\.0\.2\.1:8080: Cannot assign"):
         Listening(row("192.0.2.1:8080"))
 
 

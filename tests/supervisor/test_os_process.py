@@ -12,7 +12,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from trocar.procs.document.process import Process
 from trocar.procs.machine.paths import PACKAGE
+from trocar.procs.node.setup_error import SETUP_FAILED
 from trocar.procs.supervisor.os_process import OsProcess
 from trocar.shm.system.loglines import parsed
 from trocar.shm.time.clock import monotonic_ns
@@ -27,13 +29,20 @@ class ErrorPage:
 
 
 @pytest.mark.parametrize(("code", "error", "words"), [
-    (4, "ValueError: no", "exit code 4: ValueError: no"), (3, "", "exit code 3"), (-9, "x", "killed by SIGKILL"),
+    (4, "ValueError: no", "exit code 4: ValueError: no"), (-9, "x", "killed by SIGKILL"),
     (4, "sys.exit(3) in box.py line 8", "sys.exit(3) in box.py line 8"),
 ])
 def test_an_end_has_one_exit_code(code: int, error: str, words: str) -> None:
     process = cast("OsProcess", object.__new__(OsProcess))
     process.page = cast("Any", ErrorPage(error))
     assert process.in_words(code) == words
+
+
+def test_a_process_that_finds_no_memory_ends_with_that_reason() -> None:
+    process = cast("OsProcess", object.__new__(OsProcess))
+    process.page, process.system, process.row = cast("Any", ErrorPage("")), "lab", Process("PSM1", "arm", 0.005)
+    reason = process.in_words(SETUP_FAILED)
+    assert "shared memory" in reason and "trocar logs PSM1 --system lab" in reason
 
 
 def test_the_trace_of_a_process_that_hangs_belongs_to_an_entry_of_that_moment(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from trocar.procs.machine.paths import PROJECT_CONFIGS
 from trocar.procs.supervisor import memory
 from trocar.procs.tables.manifest import proc
 from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.time.control_page import CONTROL
 from trocar.shm.topics import SUPERVISOR_STATE
 
@@ -44,7 +45,7 @@ def test_the_rate_of_a_topic_of_each_cycle_is_the_configured_one(world: World) -
     try:
         rates = {entry.name: entry.rate_hz for entry in catalogue(world.name)}
     finally:
-        memory.remove_all(world.name)
+        remove_all(world.name)
     periods = {row.name: row.period_s for row in system.processes}
     assert (rates["IO1/state"], rates["PSM1/state"], rates["PSM1/measured_js"]) == (500.0, 250.0, 250.0)
     assert rates["console/state"] == 1.0 / periods["console"] and rates["IO1/events"] == 0.0

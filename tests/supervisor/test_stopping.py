@@ -14,11 +14,12 @@ from typing import Any
 import pytest
 
 from trocar.procs.document.system import Process, SystemConfig
+from trocar.procs.node.setup_error import SetupError
 from trocar.procs.supervisor import memory
 from trocar.procs.supervisor import supervisor as running
-from trocar.procs.supervisor.children import Child, Ending
+from trocar.procs.supervisor.children import Ending
 from trocar.procs.supervisor.os_process import OsProcess
-from trocar.procs.supervisor.supervisor import SetupFailed, Supervisor
+from trocar.procs.supervisor.supervisor import Supervisor
 from trocar.procs.tables import lifecycle
 from trocar.shm.memory.segment import SegmentError, names_of
 from trocar.shm.system import directory
@@ -54,7 +55,8 @@ def supervisor(world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
     made = Supervisor(SystemConfig(world.name, "", "wall", (), (), None, (row,)))
     child = world.start(SLOW)
     assert child.stdout.readline() == "up\n"
-    process_of(made).popen, made.children[0].state = child, lifecycle.RUNNING
+    process_of(made).popen = child
+    made.children[0].target, made.children[0].starts, made.children[0].runs = 1, 1, True
     yield made
     made.close()
 
@@ -112,25 +114,16 @@ def test_a_name_has_one_supervisor_and_is_free_again_after_it(world: Any) -> Non
     memory.hold_name(world.name).close()
 
 
-def test_memory_of_processes_that_still_run_is_not_cleared(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("version", "named"), [(None, r"pid \d+"), (1, "of another version")])
+def test_memory_of_processes_that_still_run_is_not_cleared_whatever_their_version(
+        world: Any, monkeypatch: pytest.MonkeyPatch, version: int | None, named: str) -> None:
     monkeypatch.setattr(memory, "ORPHANS_NS", 100_000_000)
     create_control(world.name, "IO1")
     orphan = ControlPage(world.name, "IO1", write=True)
     orphan.segment.claim("IO1")
-    with pytest.raises(SegmentError, match=r"still run: IO1 \(pid \d+\)"):
-        memory.clear_left_over(world.name)
-    assert names_of(world.name)
-    orphan.close()
-    assert memory.clear_left_over(world.name) == 1
-
-
-def test_processes_of_another_version_are_waited_for_as_well(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "ORPHANS_NS", 100_000_000)
-    create_control(world.name, "IO1")
-    orphan = ControlPage(world.name, "IO1", write=True)
-    orphan.segment.claim("IO1")
-    orphan.segment.view[8:12] = (1).to_bytes(4, "little")  # the header's version
-    with pytest.raises(SegmentError, match=r"still run: IO1 \(of another version"):
+    if version is not None:
+        orphan.segment.view[8:12] = version.to_bytes(4, "little")  # in the header
+    with pytest.raises(SegmentError, match=rf"still run: IO1 \({named}"):
         memory.clear_left_over(world.name)
     assert names_of(world.name)
     orphan.close()
@@ -175,9 +168,8 @@ def test_who_ends_while_the_system_starts_is_not_said_to_be_restarted(
     process = process_of(supervisor)
     assert process.popen is not None
     monkeypatch.setattr(supervisor._template, "has_imported", lambda: True)
-    monkeypatch.setattr(Child, "start", lambda _: None)  # it has begun
     process.popen.kill()
-    with pytest.raises(SetupFailed, match="PSM1: killed by SIGKILL"):
+    with pytest.raises(SetupError, match="PSM1: killed by SIGKILL"):
         supervisor.start_all()
     assert "PSM1 ended: killed by SIGKILL; the system cannot start without it" in caplog.text
     assert "restart" not in caplog.text
@@ -188,6 +180,7 @@ def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Superv
     assert popen is not None
     popen.send_signal(signal.SIGSTOP)
     child.stop()
+    child.ensure()
     child.kill_at_ns = 1
     ending = child.look()
     child.kill_at_ns = 1
@@ -198,18 +191,17 @@ def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Superv
     assert child.state == lifecycle.STOPPED and child.reason == "stopped: did not end within 3 s, killed"
 
 
-@pytest.mark.parametrize(("kind", "more"), [
-    ("gui", ""), ("io", "; boards whose watchdog is on have switched its amplifiers off")])
 def test_the_message_about_a_killed_process_has_the_consequences_of_its_kind(
-    world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, kind: str, more: str
+    world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
     monkeypatch.setattr(running, "realtime", lambda *_, **__: "other")
-    system = SystemConfig(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 0.01),))
-    with closing(Supervisor(system)) as made:
-        made.children[0].row = Process("one", kind, 0.01)
-        made._ended(made.children[0], Ending("stopped: did not end within 3 s, killed", True, True))
-    assert caplog.messages[-1] == f"one stopped: did not end within 3 s, killed{more}; trocar logs one may say why"
+    with closing(Supervisor(SystemConfig(world.name, "", "wall", (), (), None,
+                                         (Process("PSM1", "teleop", 0.01),)))) as made:
+        for kind, more in (("gui", ""), ("io", "; boards whose watchdog is on have switched its amplifiers off")):
+            made.children[0].row = Process("one", kind, 0.01)
+            made._ended(made.children[0], Ending("stopped: did not end within 3 s, killed", True, True))
+            assert caplog.messages[-1].partition(", killed")[2] == f"{more}; trocar logs one may say why"
 
 
 def test_a_supervisor_that_cannot_begin_leaves_no_memory(
@@ -246,17 +238,22 @@ def test_being_asked_to_stop_while_starting_starts_nobody_else(
 ) -> None:
     started: list[str] = []
 
-    def start(child: Child) -> None:
-        started.append(child.row.name)
+    def begin(process: OsProcess) -> None:
+        started.append(process.row.name)
         supervisor.stopping = "got SIGINT"
 
-    monkeypatch.setattr(Child, "start", start)
-    supervisor.children.append(supervisor._child(Process("PSM1", "arm", 1 / 1500, ("IO1",))))
-    supervisor._rows = (Process("IO1", "io", 1 / 1500), Process("PSM1", "arm", 1 / 1500, ("IO1",)))
-    supervisor.children[0].row = supervisor._rows[0]
+    monkeypatch.setattr(OsProcess, "begin", begin)
+    rows = [Process(name, "arm", 1 / 1500) for name in ("PSM1", "PSM2")]
+    supervisor._pages["PSM2"] = supervisor._pages["PSM1"]
+    monkeypatch.setattr(running, "ControlPage", lambda system, name, write: supervisor._pages[name])
+    monkeypatch.setitem(supervisor._listening, "PSM2", supervisor._listening["PSM1"])
+    made = [supervisor._child(row) for row in rows]
+    supervisor.children[1:], supervisor._waves = made, [[*made, supervisor.children[0]]]
+    monkeypatch.setattr(supervisor, "_show", lambda: None)
     supervisor.start_all()
-    del supervisor.children[1:]
-    assert supervisor.stop_all() and started == ["IO1"]
+    for child in made:
+        child.runs = False
+    assert supervisor.stop_all() and started == ["PSM1"]
 
 
 def test_the_memory_that_all_share_is_locked_behind_those_that_drive_robots(
@@ -270,25 +267,21 @@ def test_the_memory_that_all_share_is_locked_behind_those_that_drive_robots(
     monkeypatch.setattr(running, "step_back", noted("step back", None))
     monkeypatch.setattr(running, "lock_shared", noted("lock", "locked"))
     monkeypatch.setattr(running, "realtime", noted("come forward", ["FIFO 7"]))
-    rows, supervisor._rows = supervisor._rows, ()
+    kept, supervisor._waves, supervisor._rows = supervisor._waves, [], ()
     supervisor.start_all()
     assert order == ["step back", "lock", "come forward"]
     assert supervisor.page.get("policy") == b"FIFO 7, locked"
-    supervisor._rows = rows
+    supervisor._waves = kept
     assert supervisor.stop_all()
 
 
-def test_nobody_is_left_behind_before_all_were_killed_and_had_the_time_to_be_gone(
-    supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nobody_is_left_behind_before_all_were_killed_and_had_the_time_to_be_gone(supervisor: Supervisor) -> None:
     child, now = supervisor.children[0], [10 * NS]
-    monkeypatch.setattr(running, "monotonic_ns", lambda: now[0])
-    child.kill_at_ns = 13 * NS
-    over = running._all_killed([child])
+    child.now_ns = lambda: now[0]
     for now[0] in (12 * NS, 60 * NS):  # we were held up, or it is spared
-        assert not over()
-    child.kill_at_ns = 0
-    for now[0], is_over in ((61 * NS, False), (64 * NS, False), (66 * NS, True)):
-        assert over() == is_over
-    monkeypatch.undo()
+        assert not child.is_gone
+    child.killed_ns = 61 * NS
+    for now[0], is_gone in ((61 * NS, False), (64 * NS, False), (66 * NS, True)):
+        assert child.is_gone == is_gone
+    child.now_ns, child.killed_ns = monotonic_ns, 0
     assert supervisor.stop_all()

@@ -13,13 +13,23 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.system.robot import LED, Robot
+from tests.system.robot import LED, VERBS, Robot
 from tests.system.robot_in_host import HOSTED, RobotInHost
-from trocar.shm.memory.segment import names_of, segment_name, unlink
+from tests.system.verb_template import VerbTemplate
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 
 COUNTER = itertools.count()
+PRINTED = 5000
+
+
+@pytest.fixture(scope="session", autouse=True)
+def verbs() -> Iterator[None]:
+    """Systems begin as forks of one process that has imported everything."""
+    VERBS.append(VerbTemplate())
+    yield
+    VERBS.pop().close()
 
 
 def clock_of(node: pytest.Item | pytest.Collector) -> str:
@@ -46,12 +56,12 @@ def systems(place: Path, clock: str = "wall") -> Iterator[Callable[[], Robot]]:
     finally:
         for robot in made:
             robot.down()
+            print(f"{robot.name} printed:\n{robot.output()[-PRINTED:]}")  # pytest shows it where a test failed
             left += robot.left_over()
             for pid in robot.pids:
                 if psutil.pid_exists(pid):
                     os.kill(pid, signal.SIGKILL)
-            for parts in names_of(robot.name):
-                unlink(segment_name(*parts))
+            remove_all(robot.name)
     assert not left, f"left behind: {left}"
 
 

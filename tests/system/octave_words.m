@@ -52,6 +52,7 @@ change = eye(4);
 change(3, 4) = -0.005;
 psm.move_cr(change).wait();
 psm.servo_cp(psm.setpoint_cp(), zeros(1, 6));
+psm.servo_cp(psm.local.setpoint_cp(), [], 'PSM1_base');
 psm.servo_cr(eye(4));
 psm.servo_cs(psm.setpoint_cp(), zeros(1, 6), []);
 psm.servo_jp(psm.setpoint_jp(), zeros(6, 1));
@@ -95,6 +96,7 @@ assert(strcmp(psm.desired_state(), 'HOMED') && ischar(psm.reference_frame()))
 
 % what is wrong is said
 wrong = {@() psm.move_jp([1 2]), 'trocar:refused'; @() psm.move_jp([0 0 NaN 0 0 0]), 'trocar:refused';
+         @() psm.move_cp(psm.setpoint_cp(), 'nowhere'), 'trocar:refused';
          @() psm.move_cp(eye(3)), 'trocar:argument'; @() psm.move_cp(2 * eye(4)), 'trocar:argument';
          @() psm.body.servo_cf([1 2]), 'trocar:argument'; @() psm.state_command('dance'), 'trocar:refused';
          @() psm.wait_for_operating_state('FAULT', 0.3), 'trocar:timeout'; @() trocar.ecm('PSM1', b), 'trocar:argument';

@@ -19,6 +19,7 @@ import pytest
 from typer.main import get_command
 
 from tests.retries import retry
+from tests.system.verb_template import Verb, VerbTemplate
 from trocar.shm.memory.segment import SegmentError, names_of
 from trocar.shm.system import directory
 from trocar.shm.time.clock import pause
@@ -29,25 +30,41 @@ from trocar.tools.cli import build
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "configs" / "systems" / "demo.yaml"
 UP_S = 180.0
-OWN_PROCESS = ("up", "demo", "stream", "bench", "commission")
+OWN_PROCESS = ("up", "demo", "bench", "commission")
+AT_ONCE = ("status", "logs", "recordings", "dump")
+"""Verbs that wait for nothing of a system."""
+LOOK_MAX_S = 0.05
+RESTART_S = 120.0
 
 
+VERBS: list[VerbTemplate] = []
+"""The template of verbs, where there is one."""
 LED = "led"
 """A clock of tests: lockstep, whose time passes only while a verb runs or the test waits for something."""
 STANDING: dict[str, HeldTime] = {}
 """The time of each such system, while it stands still."""
-SLOWER = tuple(word for section in ("io", "arm", "emulation") for word in ("--set", f"{section}.period_s=0.002"))
-"""Of those in simulated time: a third of the turns."""
+SLOWER, AT_250_HZ = (tuple(word for section in ("io", "arm", "emulation")
+                           for word in ("--set", f"{section}.period_s={period_s}")) for period_s in (0.002, 0.004))
+"""Periods of systems in simulated time: a third of the turns, a sixth."""
+COARSE = ("--set", "io.period_s=0.005", "--set", "arm.period_s=0.01")
+"""Periods for arms without boards, where rates are not the subject."""
+COARSE_ON_BOARDS = (*COARSE, "--set", "emulation.period_s=0.002")
+"""The same with boards, whose plant needs a shorter period."""
 
 
 def wait_for(condition: Callable[[], object], seconds: float, what: str) -> None:
-    """Wait for a condition with a generous deadline; fails naming what did not happen."""
+    """Wait for a condition, seen while time stands, with a generous deadline; fails naming what did not happen."""
     end = time.monotonic() + seconds
-    with time_passes():
-        while not condition():
-            if time.monotonic() > end:
-                pytest.fail(f"did not happen within {seconds} s: {what}")
-            pause(0.002 if STANDING else 0.005)
+    while True:
+        began = time.process_time()
+        if condition():
+            return
+        if time.monotonic() > end:
+            pytest.fail(f"did not happen within {seconds} s: {what}")
+        # looks take a fifth of a core at most
+        took = min(time.process_time() - began, LOOK_MAX_S)
+        with time_passes():
+            pause(max(0.002, took) if STANDING else max(0.005, 4 * took))
 
 
 @contextlib.contextmanager
@@ -77,9 +94,9 @@ class Robot:
         self.name, self.clock, self.root = name, clock, ROOT
         self.logs = logs
         self.are_verbs_apart = False
-        """Each verb has a process of its own, as programs of several people have."""
+        """Each verb has a fresh interpreter of its own, as programs of several people have."""
         self.environment = {**os.environ, "TROCAR_STATE": str(logs), "TROCAR_SYSTEM": name}
-        self.supervisor: subprocess.Popen[str] | None = None
+        self.supervisor: subprocess.Popen[str] | Verb | None = None
         self.pids: set[int] = set()
 
     def up(self, file: Path = DEMO, *options: str, wait: bool = True) -> None:
@@ -144,18 +161,35 @@ class Robot:
         os.kill(pid, signal.SIGKILL)
         return pid
 
+    def comes_back(self, instance: str, before: int) -> None:
+        """Wait until another process than this one runs, while time passes slowly: an interpreter takes real time."""
+        end = time.monotonic() + RESTART_S
+        while (pid := self.pid(instance)) == before or self.state(instance) != "RUNNING":
+            assert time.monotonic() < end, f"{instance} is not back after {RESTART_S} s; {self.output()}"
+            self.passes(0.002, 0.1)
+            pause(0.01)
+        self.pids.add(pid)
+
+    def passes(self, seconds: float, real_s: float = 60.0) -> None:
+        """Let so much of the time pass that stands still; less after `real_s`."""
+        if self.name in STANDING:
+            held = STANDING[self.name]
+            held.run_until(held.now_ns() + round(seconds * 1e9), real_s)
+
     def types(self, *words: str, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
         """Run a verb, whatever its exit code.
 
         It runs in this process, which has imported it already: a fresh interpreter takes a second of computing time.
         Verbs that start processes or keep time get one all the same, and those of another tree.
         """
-        if self.are_verbs_apart or words[0] in OWN_PROCESS or self.root != ROOT:
+        keeps_time = words[0] == "stream" and self.clock == "wall"
+        if self.are_verbs_apart or words[0] in OWN_PROCESS or keeps_time or self.root != ROOT:
             with time_passes():
                 return subprocess.run([sys.executable, "-m", "trocar", *words], cwd=self.root, env=self.environment,
                                       timeout=timeout, capture_output=True, text=True, check=False)
         out, err, code = io.StringIO(), io.StringIO(), 0
-        with time_passes(), mock.patch.dict(os.environ, self.environment), contextlib.redirect_stdout(out), \
+        passes = contextlib.nullcontext() if words[0] in AT_ONCE else time_passes()
+        with passes, mock.patch.dict(os.environ, self.environment), contextlib.redirect_stdout(out), \
                 contextlib.redirect_stderr(err), contextlib.chdir(self.root):
             try:
                 verb(words[0])(words, prog_name="trocar")
@@ -163,9 +197,11 @@ class Robot:
                 code = int(end.code or 0)
         return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
-    def popen(self, *words: str) -> subprocess.Popen[str]:
+    def popen(self, *words: str) -> subprocess.Popen[str] | Verb:
         """Begin a verb in a process of its own; what it and the system print is `output`."""
         with (self.logs / "supervisor.txt").open("a") as out:
+            if VERBS and self.root == ROOT and not self.are_verbs_apart:
+                return VERBS[0].begin(words, self.environment, out.fileno())
             return subprocess.Popen([sys.executable, "-m", "trocar", *words], cwd=self.root, env=self.environment,
                                     stdout=out, stderr=out, text=True)
 

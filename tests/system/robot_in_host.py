@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 from tests.system.robot import DEMO, SLOWER, Robot
 from trocar.procs.config import load_system
 from trocar.procs.host.host import Host
+from trocar.shm.system.loglines import Stamped
 
 HISTORY = 3000
 FOR_EVER_S = 1e6
@@ -33,7 +35,18 @@ class RobotInHost(Robot):
         assert loaded.system is not None, loaded.errors
         self.host = self._held.enter_context(Host(loaded.system, HISTORY))
         self._held.enter_context(self.host.passing())
+        for name in self.host.loops:
+            self._keep_log(name)
         self.host.run(0.1)
+
+    def _keep_log(self, name: str) -> None:
+        """What its process would write into its file."""
+        (self.logs / self.name).mkdir(exist_ok=True)
+        handler, logger = logging.FileHandler(self.logs / self.name / f"{name}.log"), logging.getLogger(name)
+        handler.setFormatter(Stamped(name))
+        logger.addHandler(handler)
+        self._held.callback(handler.close)
+        self._held.callback(logger.removeHandler, handler)
 
     def kill(self, instance: str) -> int:
         """It does nothing any more, until the test asks for the pid of its successor."""
@@ -51,7 +64,8 @@ class RobotInHost(Robot):
         return super().pid(instance) + self._deaths[instance]
 
     def down(self) -> int:
-        """The end of it."""
+        """The end of it; its pids are made up."""
+        self.pids.clear()
         self._held.close()
         return 0
 

@@ -66,12 +66,13 @@ def main() -> None:
     wait(version.service_is_ready, "the service")
     answers = [version.call_async(Trigger.Request()) for _ in range(3)]
     wait(lambda: all(answer.done() for answer in answers), "answers")
+    published = [name for name, _ in node.get_publisher_names_and_types_by_node("ros_bridge", "/")]
     info = node.get_publishers_info_by_topic("/PSM1/measured_js")[0]
     print(json.dumps({
         "invalid_first": first.sec == 0 and first.nanosec == 0, "names": list(joints[-1].name),
         "versions": [answer.result().message for answer in answers],
         "services": dict(node.get_service_names_and_types_by_node("ros_bridge", "/")),
-        "frame": got["/PSM1/measured_cp"][-1].header.frame_id, "nodes": node.get_node_names(), "node": info.node_name,
+        "frame": got["/PSM1/measured_cp"][-1].header.frame_id, "nodes": node.get_node_names(), "published": published,
         "topics": len(node.get_topic_names_and_types()), "hash": str(info.topic_type_hash)}))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import yaml
 
 from tests.system.recipes import Recipe, tree_with
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 JOINTS = ("yaw", "pitch", "insertion", "roll", "bend")
@@ -49,11 +50,11 @@ def write(folder: Path, name: str, content: object) -> None:
     path.write_text(yaml.safe_dump(content))
 
 
-@pytest.fixture(scope="module")
-def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
     """The program with the new type, and its files: those of an ECM with one joint more."""
     assert len(SCOPE) <= 4
-    root = tree_with(SCOPE, tmp_path_factory.mktemp("tree"))
+    root = tree_with(SCOPE, tmp_path / "tree")
     chain, io, gains = ours("kinematic/ECM.yaml"), ours("io/ECM-demo.yaml"), ours("pid/ECM.yaml")
     rows, (robot, *_) = chain["DH"]["joints"], io["robots"]
     rows.append({**rows[3], "name": "bend", "D": 0.05, "alpha": 1.5708})
@@ -70,28 +71,22 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.mark.parametrize("how", ["KINEMATIC", "NONE"])
-def test_an_arm_of_five_joints_is_added_in_one_file(robots: Callable[[], Robot], tree: Path, tmp_path: Path, how: str
-                                                    ) -> None:
-    robot = robots()
+def test_an_arm_of_five_joints_is_added_in_one_file(robot: Robot, tree: Path, tmp_path: Path) -> None:
     robot.root = tree
-    arm = {"name": "SCOPE1", "type": "SCOPE", "simulation": how, "serial": "demo", "IO": "IO1",
-           "arm_file": "arms/SCOPE.yaml", "IO_file": "io/SCOPE.yaml"}
-    write(tmp_path, "scope.yaml", {"$id": "dvrk-system.schema.json", "$version": "1", "arms": [arm],
+    arm = {"type": "SCOPE", "arm_file": "arms/SCOPE.yaml"}
+    arms = [{"name": "SCOPE1", "serial": "demo", "IO": "IO1", "IO_file": "io/SCOPE.yaml", **arm},
+            {"name": "SCOPE2", "simulation": "KINEMATIC", **arm}]
+    write(tmp_path, "scope.yaml", {"$id": "dvrk-system.schema.json", "$version": "1", "arms": arms,
                                    "IOs": [{"name": "IO1", "port": "udp"}], "trocar": {"boards": "emulated"}})
     robot.trocar("check", "arms/SCOPE.yaml")
     robot.up(tmp_path / "scope.yaml")
     robot.trocar("home")
-    robot.trocar("send", "SCOPE1", "move_jp", *map(str, GOAL))
-
-    def there() -> bool:
-        shown = json.loads(robot.trocar("echo", "SCOPE1/measured_js", "--json", "--once"))
-        assert tuple(shown["name"]) == JOINTS
-        return bool(np.abs(np.array(shown["position"]) - GOAL).max() < 0.02)
-
-    wait_for(there, 30, f"it is at {GOAL}")
+    for name in ("SCOPE1", "SCOPE2"):
+        robot.trocar("send", name, "move_jp", *map(str, GOAL), "--wait")
+        with closing(directory.reader(robot.name, name, "state")) as state:
+            wait_for(lambda: state.newest() and np.abs(state.field("position")[:5] - GOAL).max() < 0.02,
+                     30, f"{name} is at {GOAL}")
+    assert tuple(json.loads(robot.trocar("echo", "SCOPE1/measured_js", "--json", "--once"))["name"]) == JOINTS
     assert "no inverse kinematics" in robot.trocar("send", "SCOPE1", "move_cp", *"0000001", code=1)
     listed = robot.trocar("list")
     assert "SCOPE1/measured_cp" in listed and "SCOPE1/jaw" not in listed and "SCOPE1/gripper" not in listed
-    robot.trocar("power-off")
-    assert robot.down() == 0

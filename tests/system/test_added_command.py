@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from tests.system.test_ros_bridge import file_with
 from tests.system.test_socket_bridge import SocketClient, free
 from trocar.procs.ros_messages.dds import Participant
 from trocar.procs.ros_messages.messages import Bool
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 
@@ -39,22 +41,21 @@ TOPIC = "PSM1/body/set_blinking"
 
 def asked_by_ros(robot: Robot, domain: int) -> None:
     """Publish until the command has come through."""
-    participant = Participant(domain, name="client")
-    try:
-        writer = participant.writer(TOPIC, Bool)
+    with closing(Participant(domain, name="client")) as participant, \
+            closing(directory.reader(robot.name, "PSM1", "audit")) as audit:
+        writer, before = participant.writer(TOPIC, Bool), audit.head
 
         def is_done() -> bool:
             writer.write(Bool(True))
-            return "ros_bridge" in robot.trocar("logs", "PSM1", "--commands")
+            return audit.head > before
 
         wait_for(is_done, 60, f"what is published on {TOPIC}")
-    finally:
-        participant.close()
+        assert audit.newest() and audit.field("command").item() == b"body/set_blinking"
 
 
 def test_a_command_is_added_in_two_files_and_every_way_in_has_it(robot: Robot, tmp_path: Path) -> None:
     robot.root = tree_with(BLINK, tmp_path / "tree")
-    made, domain = file_with(tmp_path)
+    made, domain = file_with(tmp_path, file=ROOT / "configs/systems/kinematic.yaml")
     port = free()
     robot.up(made, "--path", str(ROOT / "configs"), "--set", f"socket.listen=127.0.0.1:{port}")
     assert "blinks 1" in robot.trocar("send", "PSM1", "body/set_blinking", "1")

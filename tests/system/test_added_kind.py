@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from tests.system.recipes import Recipe, tree_with
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 
@@ -18,18 +19,17 @@ from trocar.procs.node import runtime
 
 
 class Loop(runtime.Loop):
-    def __init__(self, node: runtime.Node) -> None:
-        super().__init__(node)
-        self._state, self._mailbox = node.writes("state"), node.mailbox()
+    def setup(self) -> None:
+        self._state, self._mailbox = self.node.writes("state"), self.node.mailbox()
         self._beats = self._state.field("beats")
 
-    def cycle(self, now_ns: int, wall_ns: int) -> None:
+    def update(self) -> None:
         self._beats[...] += 1
-        for request in self._mailbox.drain(wall_ns):
+        for request in self._mailbox.drain(self.node.wall_ns):
             self._beats[...] = request.values[0]
             self.node.events.emit("bar", component=self.node.name)
             request.done()
-        self._state.publish(now_ns)
+        self._state.publish(self.node.now_ns)
 
 
 def main() -> None:
@@ -45,7 +45,9 @@ if __name__ == "__main__":
          priority="least", woken=True, budget_us=100),
 '''),),
     "shm/topics.py": (("TOPICS: tuple", '''
-METRONOME_STATE = Topic("state", "metronome", 100, 1.0, (Field("beats", "<u8", "", "since the first of the bar"),))
+METRONOME_STATE = Topic("state", "metronome", rate_hz=100, depth=100, fields=(
+    Field("beats", "<u8", "", "since the first of the bar"),
+))
 
 '''), ("    IO_STATE, IO_GAINS,", "    METRONOME_STATE,\n")),
     "shm/commands.py": (('    "supervisor": (', '''
@@ -62,7 +64,8 @@ def test_a_kind_of_process_is_added_in_four_files(robot: Robot, tmp_path: Path) 
     assert "begin a bar" in robot.trocar("send", "metronome")
     robot.trocar("send", "metronome", "begin", "1000000")
     assert "metronome/bar" in robot.trocar("list")
-    assert json.loads(robot.trocar("echo", "metronome/state", "--json", "--once"))["beats"] >= 1000000
+    with closing(directory.reader(robot.name, "metronome", "state")) as state:
+        wait_for(lambda: state.newest() and state.field("beats") >= 1000000, 60, "its record")
     pid = robot.kill("metronome")
     wait_for(lambda: robot.state("metronome") == "RUNNING" and robot.pid("metronome") != pid, 60, "its restart")
     robot.pids.add(robot.pid("metronome"))

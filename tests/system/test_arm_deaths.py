@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.system.robot import DEMO, Robot, wait_for
+from tests.system.robot import DEMO, SLOWER, Robot, wait_for
 from trocar.procs.arm.joints import joints
 from trocar.procs.config import load_system
 from trocar.shm.mailbox.client import Client
@@ -32,7 +32,7 @@ class WatchedArm:
 
     def __init__(self, robot: Robot, name: str) -> None:
         file = DEMO.parent / FILES[name]
-        robot.up(file, "--set", "clock=lockstep")
+        robot.up(file, *SLOWER, "--set", "clock=lockstep")
         self.robot, self.name = robot, name
         document = load_system(file).system
         assert document is not None
@@ -83,7 +83,7 @@ class WatchedArm:
         kinematics = self.space.kinematics
         assert kinematics is not None and len(rows)
         axes = self.space.axes
-        actual = rows["position"][::10, :axes] @ self.space.to_joint.T
+        actual = rows["position"][::5, :axes] @ self.space.to_joint.T
         return np.array([kinematics.fk(np.ascontiguousarray(q), np.eye(4))[:3, 3] for q in actual])
 
 

@@ -21,7 +21,6 @@ from trocar.tools.client.remote import Remote
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 SYSTEMS = ROOT / "configs/systems"
-LOCKSTEP = ("--set", "clock=lockstep")  # so that several arms on a busy machine are not too late for each other
 HOME = np.array((0, 0, 0.12, 0, 0, 0))
 SECONDS = 120.0
 SLOW = 0.001  # a ratio at which moves take minutes: they are under way when we look, on a busy machine as well
@@ -69,7 +68,7 @@ def test_every_word_of_a_psm(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> N
     noted = Noted(monkeypatch, Instance, trocar.Arm, trocar.Psm, trocar.Jaw, Measured, Setpoint, Frame, Body, Local,
                   trocar.MoveHandle)
     monkeypatch.setattr("trocar.tools.client.shared.FRESH_S", SECONDS)  # a busy machine computes late what is wanted
-    robot.up(SYSTEMS / "kinematic.yaml", *LOCKSTEP)
+    robot.up(SYSTEMS / "kinematic.yaml")
     with trocar.psm("PSM1", robot.name) as psm:
         states(psm)
         psm.trajectory_j_set_ratio(1.0)
@@ -248,7 +247,7 @@ def tools(psm: trocar.Psm) -> None:
 
 def test_every_word_of_a_master(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     noted = Noted(monkeypatch, trocar.Mtm, trocar.Gripper)
-    robot.up(SYSTEMS / "kinematic-mtm.yaml", *LOCKSTEP)
+    robot.up(SYSTEMS / "kinematic-mtm.yaml")
     with trocar.mtm("MTML", robot.name) as mtm:
         assert mtm.gripper.measured_jp()[0].tolist() == [0.0], "also without power"
         assert mtm.gripper.measured_js()[0].effort.size == 0
@@ -273,7 +272,7 @@ def test_every_word_of_a_master(robot: Robot, monkeypatch: pytest.MonkeyPatch) -
 
 def test_every_word_of_a_cart_and_its_endoscope(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     noted = Noted(monkeypatch, trocar.Ecm, trocar.Suj, trocar.SetupArm, trocar.System)
-    robot.up(SYSTEMS / "kinematic-cart.yaml", *LOCKSTEP)
+    robot.up(SYSTEMS / "kinematic-cart.yaml")
     with trocar.system(robot.name) as system, trocar.ecm(system=robot.name) as ecm, trocar.suj(
             system=robot.name) as suj, trocar.psm("PSM1", robot.name) as psm:
         assert set(system.arms()) == {"ECM", "PSM1", "PSM2", "PSM3"}
@@ -343,7 +342,7 @@ def test_a_fixed_cart_is_told_where_it_stands_and_an_instrument_what_it_is(
     }
     for name, content in files.items():
         (tmp_path / name).write_text(yaml.dump(content))
-    robot.up(tmp_path / "system.yaml", *LOCKSTEP)
+    robot.up(tmp_path / "system.yaml")
     with trocar.suj("SUJ", robot.name) as suj, trocar.psm("PSM1", robot.name) as psm1:
         suj.home(SECONDS)
         there = shifted(np.eye(4), 0.5, 0.6, 0.7)

@@ -1,7 +1,7 @@
-"""An emergency stop, and the death of each process, in the running demo: what is named as the remedy helps.
+"""The death of each process in the running demo: what is named as the remedy helps.
 
-What `trocar status` names is typed, then an operator enables teleoperation again, and the demo's hand draws on. All
-other faults of emulated robots: tests/tools/test_hand.py.
+What `trocar status` names is typed, then an operator enables teleoperation again, and the demo's hand draws on. Faults
+of emulated robots, the emergency stop among them: tests/tools/test_hand.py.
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ from collections.abc import Iterator
 import pytest
 
 from tests.system.conftest import systems
-from tests.system.robot import SLOWER, Robot, wait_for
-from trocar.shm.time.system_time import SystemTime
+from tests.system.robot import COARSE_ON_BOARDS, STANDING, Robot, wait_for
+from trocar.shm.time.held_time import HeldTime
 from trocar.tools.examples.operator_sim import SimTeleop
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 LONG_S = 300.0  # of a busy machine
 TELEOP = "MTMR_PSM1"
-STOP = "emergency_stop"
-KILLED = ("IO1", "boards", "MTMR", "PSM1", TELEOP, "console", "system")
+STRUCK = {"boards": signal.SIGKILL, "IO1": signal.SIGSTOP, "MTMR": signal.SIGKILL, "PSM1": signal.SIGKILL,
+          TELEOP: signal.SIGKILL, "console": signal.SIGKILL, "system": signal.SIGKILL}
+"""The supervisor kills a stopped process once it was silent for too long."""
 
 
 def named(status: str) -> list[str]:
@@ -35,9 +36,11 @@ class RunningDemo:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        robot.supervisor = robot.popen("demo", "--system", robot.name, "--clock", "lockstep", *SLOWER)
+        robot.supervisor = robot.popen("demo", "--system", robot.name, "--clock", "lockstep", *COARSE_ON_BOARDS,
+                                       "--set", f"processes.{TELEOP}.period_s=0.01")
         wait_for(lambda: self.lives() and "following after" in robot.output(), LONG_S, "the demo follows")
-        self.teleop, self.time = SimTeleop(robot.name, TELEOP), SystemTime(robot.name)
+        STANDING[robot.name] = HeldTime(robot.name)
+        self.teleop = SimTeleop(robot.name, TELEOP)
 
     def lives(self) -> bool:
         """Fails with what it printed when it has ended."""
@@ -47,19 +50,6 @@ class RunningDemo:
     def follows(self) -> bool:
         """Whether the slave does."""
         return self.lives() and self.teleop.is_following
-
-    def passes(self, seconds: float) -> None:
-        """So long in the system's time."""
-        end_ns = self.time.now_ns() + round(seconds * 1e9)
-        wait_for(lambda: self.lives() and self.time.now_ns() >= end_ns, LONG_S, f"{seconds} s of the system's time")
-
-    def kill(self, name: str, number: signal.Signals) -> None:
-        """Strike a process and wait until another one runs in its place."""
-        pid = self.robot.pid(name)
-        self.robot.pids.add(pid)
-        os.kill(pid, number)
-        wait_for(lambda: self.robot.pid(name) != pid and self.robot.state(name) == "RUNNING", LONG_S, f"{name} is back")
-        self.robot.pids.add(self.robot.pid(name))
 
     def status(self) -> str:
         """In one line."""
@@ -76,11 +66,6 @@ class RunningDemo:
         self.robot.trocar("send", "console", "teleop_enable", "1")
         wait_for(self.follows, LONG_S, f"it follows again; {self.status()}")
 
-    def close(self) -> None:
-        """Unmap."""
-        self.teleop.ring.close()
-        self.time.close()
-
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningDemo]:
@@ -88,26 +73,16 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningDemo]:
     with systems(tmp_path_factory.mktemp("demo")) as make:
         made = RunningDemo(make())
         yield made
-        made.close()
+        made.teleop.ring.close()
 
 
-def test_an_emergency_stop_while_the_demo_follows_is_recovered_by_what_is_named(demo: RunningDemo) -> None:
-    demo.passes(1.0)
-    demo.robot.trocar("send", "boards", STOP, "1")
-    wait_for(lambda: not demo.follows(), LONG_S, "following ends")
-    demo.passes(0.5)
-    demo.robot.trocar("send", "boards", STOP, "0")
-    demo.recover()
-
-
-@pytest.mark.parametrize(("name", "number"), [
-    *((name, signal.SIGKILL) for name in KILLED), ("IO1", signal.SIGSTOP), ("MTMR", signal.SIGSTOP)])
-def test_a_process_that_dies_while_the_demo_follows_is_recovered_by_what_is_named(
-    demo: RunningDemo, name: str, number: signal.Signals,
-) -> None:
-    demo.passes(1.0)
-    demo.kill(name, number)
+@pytest.mark.parametrize("name", STRUCK)
+def test_a_process_that_dies_while_the_demo_follows_is_recovered_by_what_is_named(demo: RunningDemo, name: str) -> None:
+    demo.robot.passes(0.3)
+    pid = demo.robot.pid(name)
+    os.kill(pid, STRUCK[name])
+    demo.robot.comes_back(name, pid)
     if name != "system":
         wait_for(lambda: not demo.follows(), LONG_S, "following ends")
-    demo.passes(0.5)
+    demo.robot.passes(0.3)
     demo.recover()

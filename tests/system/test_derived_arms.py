@@ -113,8 +113,7 @@ def test_the_arm_of_the_page_homes_follows_scans_and_is_killed(
         wait_for(scans, 60, "it scans")
         if killed:
             pid, before = robot.kill("PSM1"), shown(psm, "setpoint_position")[0]
-            wait_for(lambda: robot.state("PSM1") == "RUNNING" and robot.pid("PSM1") != pid, 30, "its successor")  # noqa: B023
-            robot.pids.add(robot.pid("PSM1"))
+            robot.comes_back("PSM1", pid)
         wait_for(lambda: is_in(b"HOMED"), 30, "its end")
         if killed:
             assert shown(psm, "is_homed") and abs(shown(psm, "position")[0] - before) < 0.01
@@ -124,8 +123,7 @@ def test_the_arm_of_the_page_homes_follows_scans_and_is_killed(
     pid = robot.pid("ECM")
     robot.trocar("send", "ECM", "break")
     wait_for(lambda: "exit code 4: ZeroDivisionError: no more" in reason(robot, "ECM"), 30, "its reason")
-    wait_for(lambda: robot.state("ECM") == "RUNNING" and robot.pid("ECM") != pid, 30, "it is started again")
-    robot.pids.add(robot.pid("ECM"))
+    robot.comes_back("ECM", pid)
     wait_for(lambda: shown(records(robot, "ECM", "state"), "is_homed"), 30, "it goes on homed")
     robot.trocar("send", "console", "teleop_enable", "1")
     wait_for(lambda: shown(teleop, "following"), 60, "following again")
@@ -158,8 +156,7 @@ def test_on_boards_io_holds_the_arm_while_its_process_is_away(
     home = yaw()
     wait_for(scans, 60, "it scans")
     pid = robot.kill("PSM1")
-    wait_for(lambda: robot.state("PSM1") == "RUNNING" and robot.pid("PSM1") != pid, 30, "its successor")
-    robot.pids.add(robot.pid("PSM1"))
+    robot.comes_back("PSM1", pid)
     wait_for(lambda: psm.newest() and psm.field("sub_state") == b"HOMED", 30, "it goes on")
     assert abs(yaw() - home) < 0.06 and psm.field("is_homed")
     assert "for a second" in robot.trocar("send", "PSM1", "scan", "0.02")

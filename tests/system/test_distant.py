@@ -5,29 +5,37 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 import trocar
+from tests.system.conftest import systems
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_socket_bridge import PATIENT, free
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
-TELEOP = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"
-PSM = ROOT / "configs" / "systems" / "kinematic.yaml"
-CART = ROOT / "configs" / "systems" / "kinematic-cart.yaml"
-MASTER = ROOT / "configs" / "systems" / "kinematic-mtm.yaml"
 SLOW = 0.001
 """A ratio at which moves take minutes: they are under way when something else comes, on a busy machine as well."""
 
 
-def up(robot: Robot, file: Any) -> str:
-    """A system with a bridge; where it is."""
-    at = f"127.0.0.1:{free()}"
-    robot.up(file, "--clock", "lockstep", "--set", f"socket.listen={at}", *PATIENT)
-    return at
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Robot, str]]:
+    """A master, a slave, a console and setup joints with a bridge; where that is."""
+    folder, at = tmp_path_factory.mktemp("distant"), f"127.0.0.1:{free()}"
+    made = yaml.safe_load((ROOT / "configs/systems/kinematic-teleop.yaml").read_text())
+    made["arms"].append({"name": "SUJ", "type": "SUJ_Classic", "simulation": "KINEMATIC",
+                         "arm_file": "arms/SUJ-kinematic.yaml"})
+    (folder / "lab.yaml").write_text(yaml.safe_dump(made))
+    with systems(folder, "paced") as make:
+        robot = make()
+        robot.up(folder / "lab.yaml", "--path", str(ROOT / "configs"), "--set", f"socket.listen={at}", *PATIENT)
+        yield robot, at
+        robot.pids.add(robot.pid("socket_bridge"))
+        assert robot.down() == 0
 
 
 def seen(arm: trocar.Psm) -> list[Any]:
@@ -63,15 +71,14 @@ def seen(arm: trocar.Psm) -> list[Any]:
     return [*words, arm.is_enabled(), *(np.round(each, 4) + 0.0 for each in numbers)]
 
 
-def test_a_script_sees_the_same_from_elsewhere(robot: Robot) -> None:
-    at = up(robot, PSM)
+def test_a_script_sees_the_same_from_elsewhere(shared: tuple[Robot, str]) -> None:
+    robot, at = shared
     with trocar.psm("PSM1", at=at, timeout=60.0) as arm:
-        robot.pids.add(robot.pid("socket_bridge"))
         elsewhere = seen(arm)
     with trocar.psm("PSM1", robot.name) as arm:
         here = seen(arm)
         with trocar.system(at=at, timeout=60.0) as system:
-            assert system.arms() == ["PSM1"] and system.name == robot.name
+            assert system.arms() == ["MTMR", "PSM1"] and system.name == robot.name
             system.home()
             assert arm.is_homed()
             system.power_off()
@@ -88,13 +95,11 @@ def test_a_script_sees_the_same_from_elsewhere(robot: Robot) -> None:
             trocar.arm("PSM9", at=at, timeout=60.0)
         with pytest.raises(trocar.Problem, match="is not of type ECM"):
             trocar.ecm("PSM1", at=at, timeout=60.0)
-    assert robot.down() == 0
 
 
-def test_a_master_is_driven_from_elsewhere(robot: Robot) -> None:
-    at = up(robot, MASTER)
-    with trocar.mtm("MTML", at=at, timeout=60.0) as mtm:
-        robot.pids.add(robot.pid("socket_bridge"))
+def test_a_master_is_driven_from_elsewhere(shared: tuple[Robot, str]) -> None:
+    robot, at = shared
+    with trocar.mtm("MTMR", at=at, timeout=60.0) as mtm:
         mtm.home()
         mtm.body.servo_cf([0, 0, 0, 0, 0, 0])
         mtm.lock_orientation_as_is()
@@ -106,17 +111,14 @@ def test_a_master_is_driven_from_elsewhere(robot: Robot) -> None:
         with pytest.raises(trocar.Problem, match="gone"):
             while True:
                 mtm.is_homed()
-    with trocar.mtm("MTML", at=at, timeout=30) as mtm:
-        robot.pids.add(robot.pid("socket_bridge"))
+    with trocar.mtm("MTMR", at=at, timeout=30) as mtm:
         assert mtm.is_homed()
-    assert robot.down() == 0
 
 
-def test_a_console_is_operated_from_elsewhere(robot: Robot) -> None:
-    at = up(robot, TELEOP)
+def test_a_console_is_operated_from_elsewhere(shared: tuple[Robot, str]) -> None:
+    robot, at = shared
     robot.trocar("send", "system", "home", "--wait")
     with trocar.console(at=at, timeout=60.0) as console, trocar.console("console", robot.name) as same:
-        robot.pids.add(robot.pid("socket_bridge"))
         assert console.teleops() == same.teleops() and "MTMR_PSM1" in console.teleops()
         assert console.teleop_is_selected("MTMR_PSM1")
         with pytest.raises(trocar.Problem, match="no teleoperation x"):
@@ -138,11 +140,10 @@ def test_a_console_is_operated_from_elsewhere(robot: Robot) -> None:
         assert not console.teleop_enabled()
     with pytest.raises(trocar.Problem, match="no teleop nobody; there are: MTMR_PSM1"):
         trocar.teleop("nobody", at=at, timeout=60.0)
-    assert robot.down() == 0
 
 
-def test_moves_are_awaited(robot: Robot) -> None:
-    at = up(robot, PSM)
+def test_moves_are_awaited(shared: tuple[Robot, str]) -> None:
+    robot, at = shared
     ticks = []
 
     async def tick() -> None:
@@ -153,7 +154,6 @@ def test_moves_are_awaited(robot: Robot) -> None:
     async def both() -> None:
         ticking = asyncio.ensure_future(tick())
         with trocar.psm("PSM1", robot.name) as here, trocar.psm("PSM1", at=at, timeout=60.0) as there:
-            robot.pids.add(robot.pid("socket_bridge"))
             here.home()
             for arm in (here, there):
                 handle = arm.move_jp([0.3, 0, 0.12, 0, 0, 0])
@@ -166,17 +166,16 @@ def test_moves_are_awaited(robot: Robot) -> None:
             there.hold()
             with pytest.raises(trocar.Refused):
                 await lost
+            there.trajectory_j_set_ratio(1.0)
         ticking.cancel()
 
     asyncio.run(both())
     assert len(ticks) > 20
-    assert robot.down() == 0
 
 
-def test_setup_joints_are_placed_from_elsewhere(robot: Robot) -> None:
-    at = up(robot, CART)
+def test_setup_joints_are_placed_from_elsewhere(shared: tuple[Robot, str]) -> None:
+    robot, at = shared
     with trocar.suj(at=at, timeout=60.0) as suj:
-        robot.pids.add(robot.pid("socket_bridge"))
         suj.home()
         assert "PSM1" in suj.arms()
         with trocar.suj("SUJ", robot.name) as same:
@@ -184,15 +183,13 @@ def test_setup_joints_are_placed_from_elsewhere(robot: Robot) -> None:
         suj.PSM2.servo_jp([0.1, 0.2, 1.5, -0.1, 0.4, 0.0])
         wait_for(lambda: np.allclose(suj.PSM2.measured_jp()[0], [0.1, 0.2, 1.5, -0.1, 0.4, 0.0]), 60, "its place")
         assert suj.PSM2.local.measured_cp()[0].shape == (4, 4)
-    assert robot.down() == 0
 
 
-def test_events_and_sounds_are_the_same_from_elsewhere(robot: Robot) -> None:
-    at = up(robot, TELEOP)
+def test_events_and_sounds_are_the_same_from_elsewhere(shared: tuple[Robot, str]) -> None:
+    robot, at = shared
     with trocar.psm("PSM1", robot.name) as here, trocar.psm("PSM1", at=at, timeout=60.0) as there, \
             trocar.system(robot.name) as system, trocar.system(at=at, timeout=60.0) as same, \
             trocar.console(at=at, timeout=60.0) as console:
-        robot.pids.add(robot.pid("socket_bridge"))
         seen: dict[str, list[Any]] = {"here": [], "there": [], "volume": [], "present": []}
         here.on_event("operating_state", seen["here"].append)
         there.on_event("operating_state", seen["there"].append)
@@ -201,6 +198,7 @@ def test_events_and_sounds_are_the_same_from_elsewhere(robot: Robot) -> None:
         for each in (here, there):
             with pytest.raises(trocar.Problem, match="did you mean operating_state"):
                 each.on_event("operating_stat", print)
+        here.disable()
         here.home()
         wait_for(lambda: here.process_events() + there.process_events() == 0 and seen["there"] == seen["here"], 20,
                  "the same events")
@@ -213,16 +211,14 @@ def test_events_and_sounds_are_the_same_from_elsewhere(robot: Robot) -> None:
         console.emulate_operator_present()
         assert console.process_events(20) == 1 and seen["present"][0]["operator_present"] is True
         there.check_connections()
-    assert robot.down() == 0
 
 
-def test_words_are_awaited_here_and_elsewhere(robot: Robot) -> None:
-    at = up(robot, PSM)
+def test_words_are_awaited_here_and_elsewhere(shared: tuple[Robot, str]) -> None:
+    robot, at = shared
 
     async def story(**where: Any) -> list[str]:
         states = []
         async with trocar.aio(trocar.psm, "PSM1", **where) as psm:
-            robot.pids.add(robot.pid("socket_bridge"))
 
             async def listen() -> None:
                 async for name, _ in psm.events("operating_state", "goal_reached"):
@@ -249,4 +245,3 @@ def test_words_are_awaited_here_and_elsewhere(robot: Robot) -> None:
 
     for where in ({"system": robot.name}, {"at": at, "timeout": 60.0}):
         assert asyncio.run(story(**where))[-1] == "goal_reached"
-    assert robot.down() == 0

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from tests.system.conftest import systems
-from tests.system.robot import DEMO, ROOT, Robot, wait_for
+from tests.system.robot import DEMO, ROOT, SLOWER, Robot, wait_for
 from trocar.procs.arm.joints import JointSpace, joints
 from trocar.procs.config import load_system
 from trocar.procs.document.system import from_json
@@ -76,7 +76,11 @@ class Pushed:
 
     def truth(self, since_ns: int, what: str) -> np.ndarray:
         """True joint positions or velocities (k, size) since then."""
-        return np.asarray(self.boards.since(since_ns)[what][:, self.axes] @ self.space.to_joint.T)
+        return self.true(self.boards.since(since_ns)[what])
+
+    def true(self, values: np.ndarray) -> np.ndarray:
+        """Joint values (k, size) of those of all axes."""
+        return np.asarray(values[:, self.axes] @ self.space.to_joint.T)
 
     def push(self, efforts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """True velocities and positions while it is pushed for 2.5 s from where it begins.
@@ -86,10 +90,13 @@ class Pushed:
         for _ in range(10):
             self.go_to_begin()
             ended, since_ns = len(self.reported("effort-timeout")), self.now_ns()
+            parts = [self.boards.since(since_ns)]  # taken bit by bit: rings keep less than 2.5 s
             while self.now_ns() < since_ns + 2_500_000_000:
                 self.remote.ask("servo_jf", efforts)
                 time.sleep(0.02)
-            found = self.truth(since_ns, "velocity"), self.truth(since_ns, "position")
+                parts.append(self.boards.since(int(parts[-1]["stamp_ns"][-1]) + 1 if len(parts[-1]) else since_ns))
+            rows = np.concatenate(parts)
+            found = self.true(rows["velocity"]), self.true(rows["position"])
             if len(self.reported("effort-timeout")) == ended:
                 break
         return found
@@ -118,7 +125,7 @@ class Pushed:
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
     with systems(tmp_path_factory.mktemp("efforts")) as make:
         robot = make()
-        robot.up(FILE)
+        robot.up(FILE, *SLOWER)
         robot.home()
         yield robot
 

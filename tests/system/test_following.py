@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +14,19 @@ from tests.system.robot import ROOT, Robot, wait_for
 from trocar.procs.kinematics.poses import inverse, matrix_from_pose
 from trocar.shm.mailbox.client import Client
 from trocar.shm.system import directory
-from trocar.shm.time.held_time import HeldTime
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 NAME = "MTMR_PSM1"
 IO_NS, MS = 1e9 / 1500, 1_000_000
 ROUNDED_NS = 2_000  # periods are whole ns: two that make a third ms come apart by 1 ns every 2 ms
+AT_1500_HZ = [word for part in ("io", "arm") for word in ("--set", f"{part}.period_s={1 / 1500}")]
 INSERTION, DEEPEST = 2, 0.24
 
 
 class FollowingPair:
     """The system, homed, its teleoperation following."""
 
-    def __init__(self, robot: Robot, folder: Path, *, cart: bool = False) -> None:
+    def __init__(self, robot: Robot, folder: Path, *options: str, cart: bool = False) -> None:
         """`cart`: setup joints carry the slave, and an ECM."""
         system = yaml.safe_load((ROOT / "configs/systems/kinematic-teleop.yaml").read_text())
         (row,) = system["consoles"][0]["teleop_PSMs"]
@@ -39,7 +39,7 @@ class FollowingPair:
             arm["arm_file"] = f"{ROOT}/configs/{arm['arm_file']}"
         file = folder / "pair.yaml"
         file.write_text(yaml.safe_dump(system))
-        robot.up(file, "--set", "clock=lockstep")
+        robot.up(file, *options)
         robot.trocar("send", "system", "home", "--wait")
         self.teleop = directory.reader(robot.name, NAME, "state", "teleop")
         self.master, self.slave = (directory.reader(robot.name, name, "state", "arm") for name in ("MTMR", "PSM1"))
@@ -56,30 +56,9 @@ class FollowingPair:
         assert ring.newest()
         return ring.field(name).copy()
 
-    def close(self) -> None:
-        for part in (self.teleop, self.master, self.slave, self.hand, self.console):
-            part.close()
-
-
-class LedPair(FollowingPair):
-    """Time stands between two looks: rings keep 3 s of it, however long a busy machine holds us up."""
-
-    def __init__(self, robot: Robot, folder: Path) -> None:
-        super().__init__(robot, folder)
-        self.held = HeldTime(robot.name)
-
-    def wait(self, has_come: Callable[[], object], what: str) -> None:
-        """Let time pass until something has come."""
-
-        def come() -> object:
-            self.held.run_until(self.held.now_ns() + 20 * MS, 60.0)
-            return has_come()
-
-        wait_for(come, 60, what)
-
     def scale(self, scale: float) -> None:
         self.console.send("set_scale", (scale,))
-        self.wait(lambda: self.shown(self.teleop, "scale") == scale, "the scale")
+        wait_for(lambda: self.shown(self.teleop, "scale") == scale, 60, "the scale")
 
     def lead(self, *by: float) -> Any:
         """Move the master by that much from where it began; the teleoperation's records of the way."""
@@ -88,26 +67,25 @@ class LedPair(FollowingPair):
         stamp_ns = self.teleop.stamp_ns if self.teleop.newest() else 0
         number = self.hand.send("move_cp", goal)
         ended = []
-        self.wait(lambda: ended.extend(r for r in self.hand.poll() if r.id == number and r.outcome == "done") or ended,
-                  "the master's move")
+        wait_for(lambda: ended.extend(r for r in self.hand.poll() if r.id == number and r.outcome == "done") or ended,
+                 60, "the master's move")
         end_ns = self.teleop.stamp_ns if self.teleop.newest() else 0
-        self.wait(lambda: self.teleop.newest() and self.teleop.stamp_ns > end_ns + 10 * MS, "ten cycles more")
+        wait_for(lambda: self.teleop.newest() and self.teleop.stamp_ns > end_ns + 10 * MS, 60, "ten cycles more")
         return self.teleop.since(stamp_ns)
 
     def close(self) -> None:
-        self.held.close()
-        super().close()
+        for part in (self.teleop, self.master, self.slave, self.hand, self.console):
+            part.close()
 
 
 @pytest.fixture
-def pair(robot: Robot, tmp_path: Path) -> Iterator[LedPair]:
-    made = LedPair(robot, tmp_path)
+def pair(robot: Robot, tmp_path: Path) -> Iterator[FollowingPair]:
+    made = FollowingPair(robot, tmp_path, *AT_1500_HZ)
     yield made
     made.close()
-    assert robot.down() == 0
 
 
-def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: LedPair) -> None:
+def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: FollowingPair) -> None:
     way = pair.lead(0.02, -0.01, 0.0)
     assert way["following"].all() and not way["reason"].astype(bool).any()
     assert set(np.diff(way["stamp_ns"])) == {MS}
@@ -134,7 +112,7 @@ def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: LedP
     assert way["following"].all() and way["reason"][-1].startswith(b"PSM1 at its limit: insertion would be 0.3")
     assert pair.shown(pair.slave, "setpoint_position")[INSERTION] == pytest.approx(DEEPEST)
     pair.lead(0.0, 0.0, 0.0)  # quicker than the slave may go
-    pair.wait(lambda: not pair.shown(pair.teleop, "reason").item(), "the slave is back")
+    wait_for(lambda: not pair.shown(pair.teleop, "reason").item(), 60, "the slave is back")
     assert pair.teleop.since(stamp_ns)["following"].all()
     assert pair.shown(pair.slave, "setpoint_cp")[:3] == pytest.approx(down, abs=1e-7)
     steps = np.abs(np.diff(pair.slave.since(stamp_ns)["setpoint_position"][:, :6], axis=0)).max(axis=0)
@@ -142,7 +120,6 @@ def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: LedP
     assert steps[INSERTION] < 1.1 * goals and (np.delete(steps, INSERTION) < 20.0 * goals).all(), (steps, goals)
 
 
-@pytest.mark.simulated("hosted")
 def test_a_slave_stays_where_it_is_in_the_room_of_its_base(robot: Robot, tmp_path: Path) -> None:
     pair = FollowingPair(robot, tmp_path, cart=True)
     cart = directory.reader(robot.name, "SUJ", "state", "suj")
@@ -164,4 +141,3 @@ def test_a_slave_stays_where_it_is_in_the_room_of_its_base(robot: Robot, tmp_pat
     assert pair.shown(pair.teleop, "state").item() == b"DISABLED"
     cart.close()
     pair.close()
-    assert robot.down() == 0

@@ -17,7 +17,9 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.sync.client import connect
 
-from tests.system.robot import ROOT, Robot, wait_for
+from tests.config.test_meshes import STL, XACRO, model_checkout
+from tests.system.conftest import systems
+from tests.system.robot import COARSE, ROOT, Robot, wait_for
 from tests.system.test_socket_bridge import free
 from trocar.procs.document.system import from_json
 from trocar.procs.kinematics.poses import matrix_from_pose
@@ -94,18 +96,32 @@ def pose(translation: Any, rotation: Any) -> Any:
     return matrix_from_pose(np.array(numbers))
 
 
-def started(robot: Robot, file: Path) -> tuple[int, FoxgloveClient]:
+def started(robot: Robot, file: Path, *options: str) -> tuple[int, FoxgloveClient]:
     port = free()
-    robot.up(file, "--set", f"foxglove.listen=127.0.0.1:{port}")
+    robot.up(file, *COARSE, *options, "--set", f"foxglove.listen=127.0.0.1:{port}")
     wait_for(lambda: robot.state("foxglove") == "RUNNING", 30, "the server")
     return port, FoxgloveClient(port)
 
 
-def test_the_robot_is_seen_where_it_says_it_is(robot: Robot) -> None:
-    _, client = started(robot, KINEMATIC)
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Robot, int]]:
+    """One arm, homed, with a mesh for some of its links; the server's port."""
+    folder = tmp_path_factory.mktemp("foxglove")
+    made = model_checkout(folder)
+    (made / "urdf/Classic/PSM_base.urdf.xacro").write_text(XACRO.replace("FILE", "a.stl"))
+    with systems(folder, "paced") as make:
+        robot = make()
+        port, client = started(robot, KINEMATIC, "--path", str(folder))
+        client.close()
+        for text in ("enable", "home"):
+            robot.trocar("send", "PSM1", "state_command", text, "--wait")
+        yield robot, port
+        assert robot.down() == 0
+
+
+def test_the_robot_is_seen_where_it_says_it_is(served: tuple[Robot, int]) -> None:
+    robot, client = served[0], FoxgloveClient(served[1])
     assert client.name == f"Trocar {robot.name}"
-    for text in ("enable", "home"):
-        robot.trocar("send", "PSM1", "state_command", text, "--wait")
     robot.trocar("send", "PSM1", "move_jp", "0.3", "-0.2", "0.14", "0.5", "0.4", "-0.3", "--wait")
     client.listen("/tf", "/scene", "/PSM1/local/measured_cp", "/PSM1/measured_js")
     joints = client.next("/PSM1/measured_js", lambda message: abs(message.joints[0].position - 0.3) < 1e-9)
@@ -119,7 +135,6 @@ def test_the_robot_is_seen_where_it_says_it_is(robot: Robot) -> None:
         seen, name = pose(frames[name].translation, frames[name].rotation) @ seen, frames[name].parent_frame_id
     assert np.abs(seen - pose(tip.pose.position, tip.pose.orientation)).max() < 1e-9
     client.close()
-    assert robot.down() == 0
 
 
 def test_every_arm_is_drawn_in_frames_that_hang_together(robot: Robot) -> None:
@@ -141,13 +156,28 @@ def test_every_arm_is_drawn_in_frames_that_hang_together(robot: Robot) -> None:
     assert len(other.next("/scene").entities) == len(scene.entities)
     for each in (client, other):
         each.close()
-    assert robot.down() == 0
 
 
-def test_only_what_somebody_listens_to_is_asked_for(robot: Robot) -> None:
-    _, client = started(robot, KINEMATIC)
-    for text in ("enable", "home"):
-        robot.trocar("send", "PSM1", "state_command", text, "--wait")
+def test_meshes_of_a_checkout_of_the_model_are_drawn_in_frames_that_move_with_the_arm(
+        served: tuple[Robot, int]) -> None:
+    robot, client = served[0], FoxgloveClient(served[1])
+    client.listen("/tf", "/scene")
+    drawn = {row.frame_id: row.models for row in client.next("/scene").entities if row.models}
+    assert drawn.keys() == {"PSM1_base_link", "PSM1_yaw_link", "PSM1_pitch_4_link"}
+    assert drawn["PSM1_yaw_link"][0].data == STL and drawn["PSM1_yaw_link"][0].scale.x == 0.001
+
+    def turned(message: Any) -> bool:
+        rows = {row.child_frame_id: row.rotation for row in message.transforms}
+        return abs(2.0 * np.arctan2(rows["PSM1_pitch_4_link"].z, rows["PSM1_pitch_4_link"].w) - 0.2) < 1e-6
+
+    robot.trocar("send", "PSM1", "move_jp", "0.3", "-0.2", "0.14", "0.5", "0.4", "-0.3", "--wait")
+    frames = {row.child_frame_id: row for row in client.next("/tf", turned).transforms}
+    assert drawn.keys() <= frames.keys() and frames["PSM1_yaw_link"].parent_frame_id == "PSM1_yaw"
+    client.close()
+
+
+def test_only_what_somebody_listens_to_is_asked_for(served: tuple[Robot, int]) -> None:
+    robot, client = served[0], FoxgloveClient(served[1])
     page = ControlPage(robot.name, "PSM1")
     desired = Subscriptions(page)
 
@@ -169,13 +199,10 @@ def test_only_what_somebody_listens_to_is_asked_for(robot: Robot) -> None:
     assert client.next("/PSM1/warning").message
     page.close()
     client.close()
-    assert robot.down() == 0
 
 
-def test_killed_or_stopped_it_changes_nothing_for_the_robot(robot: Robot) -> None:
-    port, client = started(robot, KINEMATIC)
-    for text in ("enable", "home"):
-        robot.trocar("send", "PSM1", "state_command", text, "--wait")
+def test_killed_or_stopped_it_changes_nothing_for_the_robot(served: tuple[Robot, int]) -> None:
+    (robot, port), client = served, FoxgloveClient(served[1])
     for sent in (signal.SIGKILL, signal.SIGSTOP):
         pid, arm = robot.pid("foxglove"), robot.pid("PSM1")
         os.kill(pid, sent)
@@ -189,7 +216,6 @@ def test_killed_or_stopped_it_changes_nothing_for_the_robot(robot: Robot) -> Non
     again.listen("/PSM1/measured_js")
     assert again.next("/PSM1/measured_js").joints
     again.close()
-    assert robot.down() == 0
 
 
 def test_an_address_that_is_taken_or_open_to_others_is_refused_in_words(robot: Robot) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 import trocar
 from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.test_socket_bridge import COARSE
 from trocar.shm.memory.segment import names_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
@@ -34,7 +35,7 @@ sys.stdin.read()
 @pytest.fixture
 def full(robot: Robot, tmp_path: Path) -> Robot:
     """A homed system with a console that lets it follow."""
-    robot.up(TELEOP)
+    robot.up(TELEOP, *COARSE)
     robot.are_verbs_apart = True
     robot.trocar("send", "system", "home", "--wait")
     robot.trocar("send", "console", "teleop_enable", "1")

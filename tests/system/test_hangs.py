@@ -14,13 +14,13 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import psutil
 import pytest
 
-from tests.system.robot import DEMO, Robot, wait_for
+from tests.system.robot import DEMO, SLOWER, Robot, wait_for
+from tests.system.test_single_processes import row
 from trocar.procs.tables.manifest import SIMULATED_HUNG_S, proc
 from trocar.shm.system import directory
 from trocar.shm.time.system_time import SystemTime
@@ -57,14 +57,8 @@ def killed(robot: Robot, instance: str, hung: int, seconds: float) -> str:
     return str(row(robot, instance)["exit_reason"])
 
 
-def row(robot: Robot, instance: str) -> Any:
-    """A process as `trocar status` has it."""
-    listed = json.loads(robot.trocar("status", "--json", code=None))["processes"]
-    return next(each for each in listed if each["name"] == instance)
-
-
 def test_whoever_hangs_is_killed_and_comes_back(robot: Robot) -> None:
-    robot.up()
+    robot.up(DEMO, *SLOWER)
     io = directory.reader(robot.name, "IO1", "state")
     events = directory.reader(robot.name, "supervisor", "events")
 
@@ -109,7 +103,7 @@ def held_up_supervisor_ends(robot: Robot) -> None:
 
 
 def test_who_hangs_or_dies_does_not_hold_time_up_for_long(robot: Robot) -> None:
-    robot.up(DEMO, "--set", "clock=paced")  # in lock-step, which only waits for less, it is the same
+    robot.up(DEMO, *SLOWER, "--set", "clock=paced")  # in lock-step, which only waits for less, it is the same
     robot.trocar("power-on")
     with SystemTime(robot.name) as time_:
         for instance, number in (("PSM1", signal.SIGKILL), ("PSM1", signal.SIGSTOP), ("IO1", signal.SIGSTOP),

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 import pytest
 
 from tests.system.robot import DEMO, Robot
+from tests.system.same_run import LockstepRun
 from trocar.shm.time.held_time import HeldTime
-from trocar.tools.bench.same_run import LockstepRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 TELEOP = DEMO.parent / "kinematic-teleop.yaml"
@@ -18,10 +18,10 @@ SLICE_NS = 100_000_000
 
 @contextlib.contextmanager
 def looking_in_time(robot: Robot, others: Sequence[str] = ()) -> Iterator[LockstepRun]:
-    """A run in which time stands between two looks: rings keep 3 s, however long a busy machine holds us up."""
+    """A run in which time stands between two looks: rings keep 0.7 s, however late a busy machine lets us look."""
     with pytest.MonkeyPatch.context() as patch, HeldTime(robot.name) as held, \
             LockstepRun(robot.name, "PSM1", others) as run:
-        patch.setattr("trocar.tools.bench.same_run.pause", lambda _: held.run_until(held.now_ns() + SLICE_NS, 60.0))
+        patch.setattr("tests.system.same_run.pause", lambda _: held.run_until(held.now_ns() + SLICE_NS, 60.0))
         yield run
 
 

@@ -13,7 +13,7 @@ from tests.system.robot import DEMO, Robot, wait_for
 from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
-FASTEST = np.array((1.6, 1.6, 0.21, 19.0, 19.0, 19.0, 19.0)) / 1500  # of actuators, in a cycle
+FASTEST = np.array((1.6, 1.6, 0.21, 19.0, 19.0, 19.0, 19.0)) / 500  # of actuators, in a cycle
 
 
 def echo(robot: Robot, topic: str) -> dict:
@@ -41,7 +41,7 @@ def with_memory(folder: Path) -> Path:
 
 
 def test_adapter_and_instrument_are_engaged_and_a_successor_keeps_them(robot: Robot, tmp_path: Path) -> None:
-    robot.up(with_memory(tmp_path), "--set", "clock=lockstep")
+    robot.up(with_memory(tmp_path))
     robot.trocar("home", "PSM1")
     assert len(echo(robot, "PSM1/measured_js")["name"]) == 7
     robot.trocar("send", "boards", "press", "PSM1_adapter", "1")

@@ -14,7 +14,7 @@ KINDS = {"demo-psm-si": ("PSM1",), "demo-ecm-si": ("ECM",)}  # demo-ecm and demo
 
 @pytest.mark.parametrize("name", KINDS)
 def test_arms_of_every_kind_home_on_emulated_boards(robot: Robot, name: str) -> None:
-    robot.up(ROOT / f"configs/systems/{name}.yaml", "--set", "clock=lockstep")
+    robot.up(ROOT / f"configs/systems/{name}.yaml")
     robot.trocar("power-on")
     robot.home()
     for arm in KINDS[name]:

@@ -15,18 +15,12 @@ from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
-LOCKSTEP = ("--set", "clock=lockstep")  # so that several robots on a busy machine are not too late for each other
 HOME = (0, 0, 0.12, 0, 0, 0)
 PLACE = (0.1, -0.1, 0.15, 0.2, 0.1, -0.1)
 
 
 def echo(robot: Robot, topic: str) -> dict:
     return json.loads(robot.trocar("echo", topic, "--json", "--once"))
-
-
-def homed(robot: Robot, *arms: str) -> None:
-    robot.trocar("power-on", *arms)
-    robot.trocar("home", *arms)
 
 
 def there(robot: Robot, arm: str, goal: tuple[float, ...]) -> bool:
@@ -51,7 +45,7 @@ def test_a_system_of_one_arm_is_homed_as_a_whole_and_its_arm_stopped_alone(robot
 def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) -> None:
     robot.up(KINEMATIC)
     assert "PSM1 is KINEMATIC" in robot.output()
-    homed(robot)
+    robot.home()
     wait_for(lambda: there(robot, "PSM1", HOME), 60, "home")
     robot.trocar("send", "PSM1", "move_jp", *map(str, PLACE))
     wait_for(lambda: there(robot, "PSM1", PLACE), 60, "the move")
@@ -67,7 +61,7 @@ def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) ->
     (rate,) = [json.loads(line) for line in robot.trocar("hz", "io/state", "--json").splitlines()]
     assert rate["hz"] > 450
     history = directory.reader(robot.name, "io", "state")
-    assert len(history.last(1000)) == 1000 and history.last(1000)["simulated"].all()
+    assert len(history.last(300)) == 300 and history.last(300)["simulated"].all()
     history.close()
     killed_io_comes_back_without_power_and_a_person_homes(robot)
     robot.trocar("power-off")
@@ -77,26 +71,26 @@ def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) ->
 def killed_io_comes_back_without_power_and_a_person_homes(robot: Robot) -> None:
     robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0", "--wait")
     old = robot.kill("io")
-    wait_for(lambda: robot.pid("io") != old and robot.state("io") == "RUNNING", 30, "the restart of io")
+    robot.comes_back("io", old)
     wait_for(lambda: echo(robot, "PSM1/state")["state"] == "FAULT", 60, "FAULT")
     wait_for(lambda: not np.any(echo(robot, "io/state")["powered"]), 60, "a record of the new io")
     state = echo(robot, "io/state")
     assert state["position"][2] == pytest.approx(0.12), "where it was"
-    homed(robot)
+    robot.home()
     assert echo(robot, "PSM1/operating_state")["is_homed"] is True
 
 
-@pytest.mark.parametrize("clock", [pytest.param("wall", marks=pytest.mark.soak), "lockstep"])
-def test_killed_arm_is_held_and_goes_on_without_a_jump(robot: Robot, clock: str) -> None:
-    robot.up(KINEMATIC, "--set", f"clock={clock}")
-    homed(robot)
+@pytest.mark.parametrize("options", [pytest.param(("--clock", "wall"), marks=pytest.mark.soak), ()])
+def test_killed_arm_is_held_and_goes_on_without_a_jump(robot: Robot, options: tuple[str, ...]) -> None:
+    robot.up(KINEMATIC, *options)
+    robot.home()
     robot.trocar("send", "PSM1", "move_jp", *map(str, PLACE))
     wait_for(lambda: there(robot, "PSM1", PLACE), 60, "the move")
     io = directory.reader(robot.name, "io", "state")
     assert io.newest()
     first = int(io.field("cycle"))
     old = robot.kill("PSM1")
-    wait_for(lambda: robot.pid("PSM1") != old and robot.state("PSM1") == "RUNNING", 30, "the arm's restart")
+    robot.comes_back("PSM1", old)
     wait_for(lambda: echo(robot, "PSM1/state")["is_homed"], 60, "homed again, by shared memory alone")
     history = io.last(3000)
     history = history[history["cycle"] >= first]
@@ -112,8 +106,8 @@ def test_real_and_kinematic_arms_run_side_by_side(robot: Robot, tmp_path: Path) 
                            "arm_file": "arms/PSM1-demo.yaml"})
     file = tmp_path / "mixed.json"
     file.write_text(json.dumps(system))
-    robot.up(file, *LOCKSTEP)
-    homed(robot)
+    robot.up(file)
+    robot.home()
     for arm, goal in (("PSM1", PLACE), ("PSM2", tuple(-0.5 * np.array(PLACE) + (0, 0, 0.2, 0, 0, 0)))):
         robot.trocar("send", arm, "move_jp", *map(str, goal))
         wait_for(lambda: np.abs(np.array(echo(robot, f"{arm}/measured_js")["position"]) - goal).max() < 0.02,  # noqa: B023
@@ -129,9 +123,8 @@ def test_real_and_kinematic_arms_run_side_by_side(robot: Robot, tmp_path: Path) 
 
 @pytest.mark.simulated("hosted")
 def test_stock_full_system_homes_the_arms_there_are(robot: Robot, data: Callable[[str], Path]) -> None:
-    robot.up(data("dvrk-share/system/system-full-system-simulated.json"), "--path", str(data("dvrk-share")),
-             *LOCKSTEP)
-    homed(robot)
+    robot.up(data("dvrk-share/system/system-full-system-simulated.json"), "--path", str(data("dvrk-share")))
+    robot.home()
     for arm in ("PSM1", "PSM2", "PSM3"):
         wait_for(lambda: there(robot, arm, HOME), 60, f"{arm} at home")  # noqa: B023
     wait_for(lambda: there(robot, "ECM", (0, 0, 0.12, 0)), 60, "ECM at home")

@@ -13,6 +13,8 @@ from trocar.shm.time.control_page import ControlPage
 
 pytestmark = [pytest.mark.slow, pytest.mark.patient]
 MEGABYTE = 1 << 20
+MAX_OWN = 20 * MEGABYTE
+"""An arm or io has 12 MB of its own, and had 44 MB when it locked a copy of every page of the template."""
 
 
 def locked(pid: int) -> int:
@@ -40,6 +42,7 @@ def rights(robot: Robot, instance: str) -> str:
 
 
 def test_each_locks_its_own_memory_and_the_supervisor_what_they_share(robot: Robot) -> None:
+    robot.are_verbs_apart = True  # a fork of a test's template has more modules
     patience = ("supervisor_lost_s=30", "processes.io.hung_s=60", "processes.PSM1.hung_s=60")
     robot.up(ROOT / "configs/systems/kinematic.yaml", "--set", "clock=wall",
              *(word for setting in patience for word in ("--set", setting)))
@@ -50,9 +53,10 @@ def test_each_locks_its_own_memory_and_the_supervisor_what_they_share(robot: Rob
     assert locked(robot.pid("supervisor")) >= shared + 40 * MEGABYTE  # numpy alone has so much code
     for name in ("io", "PSM1"):
         assert rights(robot, name).endswith("locked")
-        assert locked(robot.pid(name)) < 64 * MEGABYTE
-        for line, sizes in maps(robot.pid(name)):
+        found = maps(robot.pid(name))
+        assert sum(sizes["Private_Dirty"] for _, sizes in found) << 10 < MAX_OWN
+        for line, sizes in found:
             if "/dev/shm/" in line or (" r-xp " in line and "numpy" in line):
                 assert sizes["Rss"] == sizes["Size"] and not sizes["Locked"], line
-            elif sizes["Anonymous"] and " rw-p " in line and sizes["Size"] < 16 << 10:
-                assert sizes["Locked"] == sizes["Anonymous"], line
+            elif sizes["Anonymous"] and " rw-p " in line:
+                assert sizes["Locked"] >= sizes["Private_Dirty"], line  # and its part of the pages that it shares

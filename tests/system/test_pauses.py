@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tests.system.robot import DEMO, ROOT, Robot, wait_for
+from tests.system.robot import DEMO, ROOT, SLOWER, Robot, wait_for
 from trocar.shm.mailbox.client import Client, Reply
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
@@ -86,7 +86,7 @@ def held_up(answers: list[tuple[str, str]], name: str) -> bool:
 
 
 def test_who_is_held_up_while_a_slave_follows_ends_that_until_presence_is_shown_again(robot: Robot) -> None:
-    robot.up(TELEOP, *patient(NAME, "console", "system"))
+    robot.up(TELEOP, *SLOWER, *patient(NAME, "console", "system"))
     all_parts = parts(robot, MTMR_PSM1="teleop", MTMR="arm", PSM1="arm", console="console", system="system")
     teleop, master, slave, console, system = all_parts
     homing = system.client.send("home")
@@ -126,7 +126,7 @@ def test_who_is_held_up_while_a_slave_follows_ends_that_until_presence_is_shown_
 
 @pytest.fixture
 def demo_parts(robot: Robot) -> Iterator[list[Part]]:
-    robot.up(DEMO, *patient("PSM1", "IO1"))
+    robot.up(DEMO, *SLOWER, *patient("PSM1", "IO1"))
     made = parts(robot, PSM1="arm", IO1="io")
     yield made
     for part in made:

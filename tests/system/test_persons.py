@@ -9,12 +9,13 @@ from typing import Any
 import pytest
 
 from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.robot_in_host import HOSTED
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.client.remote import Remote
 from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated(HOSTED)]
 QUIET_NS = 2_000_000_000
 PINCH, NEAR = 1.0, 0.1  # rad
 
@@ -111,8 +112,8 @@ def test_a_fault_under_a_pressed_pedal_leaves_the_robot_off_until_a_person_asks(
     assert operator.teleop.value("state") == "DISABLED"  # homed again, but nobody enabled teleoperation since
     old = robot.kill("IO1")
     wait_for(lambda: not operator.is_powered, 20, "amplifiers off")
-    operator.stays_off()
     wait_for(lambda: robot.pid("IO1") != old and robot.state("IO1") == "RUNNING", 60, "io's restart")
+    operator.stays_off()
     operator.home()
 
     asked = {int(row["origin"]) for row in audit(robot, "system", "system") if row["command"] == b"home"}

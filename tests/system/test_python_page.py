@@ -21,7 +21,7 @@ def test_there_are_examples_of_every_kind() -> None:
 
 @pytest.mark.parametrize(("file", "code"), PAGE, ids=["psm", "master", "cart", "events"])
 def test_the_example_runs(robot: Robot, file: str, code: str) -> None:
-    robot.up(ROOT / file, "--set", "clock=lockstep")
+    robot.up(ROOT / file)
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=robot.environment, timeout=120, text=True,
                           capture_output=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -48,4 +48,4 @@ def test_a_soft_limit_of_open_files_is_raised_and_a_hard_one_refuses_before_anyt
     assert typed(tmp_path, *words, "--for", "0.5", files=(64, hard)).returncode == 0
     refused = typed(tmp_path, *words, files=(64, 256))
     assert refused.returncode == 1 and names_of(world.name) == []
-    assert "a process may open 256 files at most" in refused.stderr and "--nofile=512:512" in refused.stderr
+    assert "a process may open 256 files at most" in refused.stderr and "--nofile=1024:1024" in refused.stderr

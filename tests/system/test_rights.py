@@ -44,5 +44,5 @@ def test_missing_rights_are_told_with_what_grants_them(robot: Robot) -> None:
 
 
 def test_a_system_that_got_all_it_asked_for_says_nothing_of_rights(robot: Robot) -> None:
-    robot.up(ROOT / "configs/systems/kinematic.yaml", "--set", "clock=lockstep")
+    robot.up(ROOT / "configs/systems/kinematic.yaml")
     assert "limits.d" not in robot.output() + robot.trocar("status", code=None)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.rl.playing import toward
-from tests.system.robot import DEMO, Robot
+from tests.system.robot import DEMO, SLOWER, Robot
 from trocar.procs.rl.attached import RunningSystem
 from trocar.procs.rl.backend import RobotStopped
 from trocar.procs.rl.tasks import PsmReach
@@ -34,8 +34,7 @@ def played(env: PsmReach) -> tuple[np.ndarray[Any, Any], dict[str, Any]]:
 
 
 def test_a_policy_does_on_a_running_system_what_it_did_in_a_host(robot: Robot) -> None:
-    robot.up(DEMO, "--boards", "emulated", "--clock", "paced", "--set", "io.period_s=0.002", "--set",
-             "arm.period_s=0.002", "--set", "emulation.period_s=0.002")
+    robot.up(DEMO, "--boards", "emulated", "--clock", "paced", *SLOWER)
     where = RunningSystem(robot.name, reset_ratio=0.5)
     with pytest.raises(RobotStopped, match=r"PSM1 is DISABLED and not homed.*first: trocar home PSM1"):
         PsmReach(backend=where)

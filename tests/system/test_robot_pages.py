@@ -59,7 +59,7 @@ def test_a_page_shows_power_and_brakes_change(console: tuple[Robot, BrowserPage]
     page.click("#brakes-engage")
     page.until(f"!{shown('IO1/robot0.brakes_released')}")
     page.js("document.getElementById('control').click()")
-    page.until("document.body.dataset.control === 'nobody'")
+    page.until("document.body.dataset.control === 'none'")
     page.click("#io-power-off")
     page.until(f"!{shown('IO1/robot0.amps_on')}")
     stale = "document.getElementById('robot').classList.contains('stale')"

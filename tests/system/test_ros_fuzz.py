@@ -64,7 +64,7 @@ def nonsense(kind: Any, chance: random.Random) -> Any:
     for name, annotation in kind.__annotations__.items():
         what = annotation.__metadata__[0] if hasattr(annotation, "__metadata__") else annotation
         if hasattr(what, "subtype"):
-            count = chance.choice((0, 1, 5, 6, 7, 8, 65, 3000))
+            count = chance.choice((0, 1, 5, 6, 7, 8, 65, 1000))  # as many fill a datagram
             setattr(made, name, [_part(what.subtype, chance) for _ in range(count)])
         else:
             setattr(made, name, _part(what, chance))
@@ -111,7 +111,7 @@ def shower(client: Client, ports: list[int], count: int) -> Iterator[int]:
                 yield number
 
 
-@pytest.mark.parametrize("count", [3000, pytest.param(100_000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("count", [1000, pytest.param(100_000, marks=pytest.mark.soak)])
 def test_no_message_makes_the_bridge_or_the_robot_do_what_it_should_not(
         robot: Robot, tmp_path: Path, count: int) -> None:
     with bridged(robot, tmp_path) as client:

@@ -10,8 +10,10 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
+import yaml
 from cyclonedds.idl import IdlStruct
 
 from tests.system.robot import ROOT, Robot, wait_for
@@ -122,8 +124,29 @@ def test_a_script_with_rclpy_homes_and_moves_the_robot(
                           timeout=200, check=False)
     assert done.returncode == 0, done.stderr
     seen = json.loads(done.stdout)
-    assert seen["invalid_first"] and seen["frame"] == "PSM1_base" and seen["node"] == "ros_bridge"
+    assert seen["invalid_first"] and seen["frame"] == "PSM1_base" and "/PSM1/measured_js" in seen["published"]
     assert seen["names"] == ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"]
     assert "ros_bridge" in seen["nodes"] and seen["topics"] > 100
     assert len(set(seen["versions"])) == 1 and seen["versions"][0]
     assert seen["services"]["/PSM1/inverse_kinematics"] == ["crtk_msgs/srv/QueryInverseKinematics"]
+
+
+def test_the_launch_file_shows_the_description_and_joints_of_an_arm(
+        robot: Robot, tmp_path: Path, fast_dds_leaves_nothing: None) -> None:
+    made, domain = file_with(tmp_path)
+    robot.up(made, "--path", str(ROOT / "configs"))
+    done = subprocess.run([PYTHON, HERE / "ros_launch.py", ROOT / "configs/ros/arm.launch.py"], env=environment(domain),
+                          capture_output=True, text=True, timeout=200, check=False)
+    assert done.returncode == 0, done.stderr
+    publisher, rviz = json.loads(done.stdout)
+    urdf = ElementTree.fromstring(publisher["parameters"][0]["robot_description"])
+    assert [joint.get("name") for joint in urdf.iter("joint")][:3] == ["yaw", "pitch", "insertion"]
+    assert ["joint_states", "/PSM1/measured_js"] in publisher["remappings"]
+    config = Path(rviz["arguments"][1])
+    try:
+        manager = yaml.safe_load(config.read_text())["Visualization Manager"]
+        assert manager["Global Options"]["Fixed Frame"] == urdf.find("link").get("name")
+        model = next(row for row in manager["Displays"] if row["Class"].endswith("RobotModel"))
+        assert ["robot_description", model["Description Topic"]["Value"]] in publisher["remappings"]
+    finally:
+        config.unlink()

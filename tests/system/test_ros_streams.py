@@ -9,20 +9,22 @@ import pickle
 import signal
 import subprocess
 import sys
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.conftest import systems
+from tests.system.robot import ROOT, wait_for
 from tests.system.test_ros_bridge import Client, bridged, echo_position
 from trocar.procs.ros_messages.messages import Empty, JointStates, MessageHeader, Pose, PoseStamped
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.system_time import SystemTime
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
-ENDED = "this stream has ended: ros_bridge stopped the arm (hold)"
+KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
+ENDED = "this stream has ended: ros_bridge for client stopped the arm (hold)"
 
 
 class OtherNode:
@@ -46,6 +48,7 @@ class OtherNode:
 def publish(domain: int) -> None:
     """Publish what comes through standard input, until it ends."""
     client = Client(domain)
+    client.participant.announce()  # as the node "client"
     with contextlib.suppress(EOFError):
         while True:
             client.tell(*pickle.load(sys.stdin.buffer))
@@ -78,12 +81,21 @@ class StreamedGoals:
             self._client.spin()
 
 
-def test_one_node_streams_at_a_time_and_another_one_ends_that(robot: Robot, tmp_path: Path) -> None:
-    with bridged(robot, tmp_path) as first, contextlib.closing(OtherNode(first.domain)) as second:
-        first.hear("PSM1/jaw/setpoint_js", JointStates)
-        first.state("DISABLED")
-        first.home()
-        first.wait(lambda: first.last("PSM1/measured_js").header.stamp.sec > 0, "joints")
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    """A client of a system whose arm is homed; what is sent while there is no bridge is sent within its `backoff_s`."""
+    folder = tmp_path_factory.mktemp("streams")
+    with systems(folder, "paced") as make, bridged(make(), folder, "processes.ros_bridge.backoff_s=2",
+                                                   file=KINEMATIC) as client:
+        client.hear("PSM1/jaw/setpoint_js", JointStates)
+        client.state("DISABLED")
+        client.home()
+        client.wait(lambda: client.last("PSM1/measured_js").header.stamp.sec > 0, "joints")
+        yield client
+
+
+def test_one_node_streams_at_a_time_and_another_one_ends_that(first: Client) -> None:
+    with contextlib.closing(OtherNode(first.domain)) as second:
         stream = StreamedGoals(first, of_tip=False)
 
         def warned(text: str) -> bool:
@@ -107,12 +119,12 @@ def test_one_node_streams_at_a_time_and_another_one_ends_that(robot: Robot, tmp_
                      lambda: reached() and abs(jaw() - 0.1) < 1e-6, "both are followed")
         assert not warned(ENDED)
 
-        def holds_and_goes_on() -> None:
+        def holds_and_streams_on() -> None:
             stream.begin(30)
             first.tell("PSM1/hold", Empty())
             stream.send(60)
 
-        first.repeat(holds_and_goes_on, reached, "it goes on after a hold of its own")
+        first.repeat(holds_and_streams_on, reached, "it is followed after a hold of its own")
         assert not warned(ENDED)
         first.repeat(lambda: streams_before_and_after("PSM1/hold", Empty()),
                      lambda: warned(ENDED) and not reached(), "a hold of the other one ends it")
@@ -121,26 +133,27 @@ def test_one_node_streams_at_a_time_and_another_one_ends_that(robot: Robot, tmp_
 
 @pytest.mark.parametrize(("how", "of_tip"), [(signal.SIGKILL, False), (signal.SIGSTOP, False), (signal.SIGSTOP, True)])
 def test_an_arm_whose_bridge_dies_or_stops_in_a_stream_stays_where_it_is(
-        robot: Robot, tmp_path: Path, how: signal.Signals, of_tip: bool) -> None:
-    with bridged(robot, tmp_path, "backoff_s=8") as client:  # what is sent meanwhile is sent while there is none
-        client.state("DISABLED")
-        client.home()
-        client.wait(lambda: client.last("PSM1/measured_js").header.stamp.sec > 0, "joints")
-        stream, began = StreamedGoals(client, of_tip), echo_position(robot)
-        client.insist(lambda: stream.begin(100),
-                      lambda: not np.allclose(echo_position(robot), began, atol=1e-3), "the arm to follow")
-        stream.send(20)
-        pid = robot.pid("ros_bridge")
-        os.kill(pid, how)
-        with SystemTime(robot.name) as system_time:
-            system_time.pause(0.2, 60.0)  # what waits for the arm is carried out
-        stood = echo_position(robot)
-        stream.send(50)
-        if how == signal.SIGSTOP:
-            wait_for(lambda: monotonic_ns() - robot.cell("ros_bridge", "heartbeat_ns") > 1.5e9, 60, "a long pause")
-        assert np.allclose(echo_position(robot), stood, atol=1e-4), "nobody else moves it"
-        if how == signal.SIGSTOP:
-            os.kill(pid, signal.SIGCONT)
-        wait_for(lambda: robot.state("ros_bridge") == "RUNNING", 60, "the bridge to be back")
-        client.wait(lambda: len(client.got["PSM1/operating_state"]) > 0, "it to be heard")
-        assert np.allclose(echo_position(robot), stood, atol=1e-4), "nor does what came meanwhile"
+        first: Client, how: signal.Signals, of_tip: bool) -> None:
+    robot = first.robot
+    assert robot is not None
+    stream, began, pid = StreamedGoals(first, of_tip), echo_position(robot), robot.pid("ros_bridge")
+    first.repeat(lambda: stream.begin(50), lambda: not np.allclose(echo_position(robot), began, atol=1e-3),
+                 "the arm to follow, though a bridge that has just begun takes this for the stream before", 1.0)
+    stream.send(20)
+    os.kill(pid, how)
+    with SystemTime(robot.name) as system_time:
+        system_time.pause(0.2, 60.0)  # what waits for the arm is carried out
+    stood = echo_position(robot)
+    stream.send(50)
+    if how == signal.SIGSTOP:
+        wait_for(lambda: monotonic_ns() - robot.cell("ros_bridge", "heartbeat_ns") > 1.5e9, 60, "a long pause")
+    assert np.allclose(echo_position(robot), stood, atol=1e-4), "nothing else moves it"
+    if how == signal.SIGSTOP:
+        os.kill(pid, signal.SIGCONT)
+    else:
+        wait_for(lambda: robot.pid("ros_bridge") != pid, 60, "another bridge")
+        robot.pids.add(robot.pid("ros_bridge"))
+    wait_for(lambda: robot.state("ros_bridge") == "RUNNING", 60, "the bridge to be back")
+    first.got["PSM1/operating_state"].clear()
+    first.wait(lambda: len(first.got["PSM1/operating_state"]) > 0, "it to be heard")
+    assert np.allclose(echo_position(robot), stood, atol=1e-4), "what was sent meanwhile moves nothing"

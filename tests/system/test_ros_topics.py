@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +12,11 @@ from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication, B
 from cyclonedds.qos import Policy
 
 from tests.system.robot import ROOT, Robot, wait_for
-from tests.system.test_ros_bridge import Client, own_domain
-from trocar.procs.ros_messages.dds import Participant
+from tests.system.robot_in_host import HOSTED
+from tests.system.test_ros_bridge import client_of, own_domain
 from trocar.procs.ros_messages.messages import Bool, Empty, JointStates, Joy
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated(HOSTED)]
 PACKAGES = {
     "std_msgs": "Bool Empty Float64 Float64MultiArray String", "sensor_msgs": "JointState Joy",
     "geometry_msgs": "PoseStamped Quaternion QuaternionStamped TwistStamped WrenchStamped",
@@ -132,7 +131,8 @@ def up(robot: Robot, folder: Path, file: str) -> int:
 def test_topics_types_and_settings_are_those_of_the_original(
         robot: Robot, tmp_path: Path, file: str, table: dict[str, list[Row]]) -> None:
     domain = up(robot, tmp_path, file)
-    with closing(Participant(domain, name="looks")) as participant:
+    with client_of(robot, domain) as client:
+        participant = client.participant
         own = {participant._graph.gid.data[:12]}
         found: dict[tuple[str, str, str], Any] = {}
         readers = [(way, BuiltinDataReader(participant._participant, topic))
@@ -159,23 +159,20 @@ def test_topics_types_and_settings_are_those_of_the_original(
 
 
 def test_pedals_and_joint_controllers_of_boards_are_heard_and_asked(robot: Robot, tmp_path: Path) -> None:
-    client = Client(up(robot, tmp_path, "demo-teleop"), robot)
-    try:
+    with client_of(robot, up(robot, tmp_path, "demo-teleop")) as client:
         for topic, message in (("IO/IO1/coag", Joy), ("PSM1/IO/arm_clutch", Joy), ("PID/PSM1/measured_js", JointStates),
                                ("PID/PSM1/error_state/measured_js", JointStates), ("PID/PSM1/enabled", Bool),
                                ("PID/PSM1/setpoint_v_used", Bool), ("IO/IO1/PSM1/pot/measured_js", JointStates)):
             client.hear(topic, message)
         client.wait(lambda: all(client.got[topic] for topic in client.got if topic.endswith("_js")), "joints")
         assert len(client.last("PID/PSM1/measured_js").position) == 7
-        client.insist(lambda: robot.trocar("send", "boards", "press", "coag", "1"),
-                      lambda: client.got["IO/IO1/coag"] and client.last("IO/IO1/coag").buttons == [1], "the pedal")
-        client.insist(lambda: robot.trocar("send", "boards", "press", "PSM1_arm_clutch", "1"),
-                      lambda: client.got["PSM1/IO/arm_clutch"], "the button on the arm")
-        client.insist(lambda: client.tell("PID/PSM1/use_setpoint_v", Bool(True)),
-                      lambda: client.got["PID/PSM1/setpoint_v_used"] and client.last("PID/PSM1/setpoint_v_used").data,
-                      "the velocity feed to be used")
-        client.insist(lambda: client.tell("IO/IO1/PSM1/power_on", Empty()),
-                      lambda: any(json.loads(robot.trocar("echo", "IO1/state", "--json", "--once"))["power_requested"]),
-                      "power")
-    finally:
-        client.participant.close()
+        robot.trocar("send", "boards", "press", "coag", "1")
+        client.wait(lambda: client.got["IO/IO1/coag"] and client.last("IO/IO1/coag").buttons == [1], "the pedal")
+        robot.trocar("send", "boards", "press", "PSM1_arm_clutch", "1")
+        client.wait(lambda: client.got["PSM1/IO/arm_clutch"], "the button on the arm")
+        client.tell("PID/PSM1/use_setpoint_v", Bool(True))
+        client.wait(lambda: client.got["PID/PSM1/setpoint_v_used"] and client.last("PID/PSM1/setpoint_v_used").data,
+                    "the velocity feed to be used")
+        client.tell("IO/IO1/PSM1/power_on", Empty())
+        client.wait(lambda: any(json.loads(robot.trocar("echo", "IO1/state", "--json", "--once"))["power_requested"]),
+                    "power")

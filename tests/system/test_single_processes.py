@@ -71,7 +71,7 @@ def test_three_clients_at_random_never_get_two_processes(robot: Robot) -> None:
     clients = [Client(robot.name, "supervisor") for _ in range(3)]
     asked: dict[tuple[int, int], str] = {}
     try:
-        end = time.monotonic() + 12.0
+        end = time.monotonic() + 6.0
         while time.monotonic() < end:
             who = chance.randrange(3)
             number = clients[who].send(chance.choice(("start", "stop", "restart")), (), "PSM1")
@@ -88,7 +88,6 @@ def test_three_clients_at_random_never_get_two_processes(robot: Robot) -> None:
     robot.trocar("start", "PSM1")
     robot.pids.add(robot.pid("PSM1"))
     assert len(processes(robot, "PSM1")) == 1 and row(robot, "PSM1")["restarts"] == 0
-    assert robot.down() == 0
 
 
 def _all_answered(clients: list[Client], asked: dict[tuple[int, int], str]) -> bool:
@@ -111,6 +110,7 @@ def test_a_system_is_stopped_in_every_phase_of_its_start(robot: Robot, phase: st
 
 def reached(robot: Robot, phase: str) -> bool:
     """Whether a start has come so far: its interpreter runs, there is memory, a process is there, or shows a state."""
+    assert robot.supervisor is not None and robot.supervisor.poll() is None, robot.output()
     name, _, how = phase.partition(" ")
     if not how:
         return name == "nothing" or bool(robot.state("supervisor"))

@@ -13,7 +13,7 @@ import ssl
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.conftest import systems
+from tests.system.robot import COARSE, ROOT, Robot, wait_for
 from tests.system.test_single_processes import row
 from trocar.shm.ring.ring import RingReader
 
@@ -30,7 +31,7 @@ PAGE = (ROOT / "docs" / "socket.md").read_text(encoding="utf-8")
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
 PATIENT = ("--set", "processes.socket_bridge.late_s=10")
 """A bridge that a busy machine holds up keeps its clients."""
-LATE_S = 6.0
+LATE_S = 3.0
 """Of a bridge that is stopped for longer, when a test wants it to send its clients away."""
 Records = Callable[[Robot, str, str], RingReader]
 
@@ -70,7 +71,7 @@ def free() -> int:
 def started(robot: Robot, *options: str, address: str = "") -> int:
     """A system with one arm and a bridge; the port."""
     where = address or f"127.0.0.1:{free()}"
-    robot.up(KINEMATIC, "--set", f"socket.listen={where}", *options)
+    robot.up(KINEMATIC, *COARSE, "--set", f"socket.listen={where}", *options)
     return int(where.rpartition(":")[2])
 
 
@@ -112,14 +113,14 @@ def test_the_page_s_examples_run_and_the_bridge_is_there_for_them_alone(robot: R
         return int(json.loads(robot.trocar("echo", "socket_bridge/state", "--once", "--json"))["commands"])
 
     assert '"orientation"' in run("bash", "-c", example("bash", port))
-    assert abs(position[0] - 0.1) < 1e-6
+    assert abs(position[0] - 0.1) < 1e-4
     stays = SocketClient(port)  # so that one bridge serves all that follow, however long each takes to begin
     assert stays.ask(op="ping")["op"] == "answer"
     assert "0.1" in run(sys.executable, "-c", example("python", port))
-    assert abs(position[1] - 0.1) < 1e-6
+    assert abs(position[1] - 0.1) < 1e-4
     if has_octave():
         run("octave-cli", "--eval", example("octave", port))
-        assert abs(position[2] - 0.14) < 1e-6
+        assert abs(position[2] - 0.14) < 1e-5
     if shutil.which("nc"):
         (line,) = re.findall(r"^    (echo .* nc .*)$", PAGE, re.MULTILINE)
         assert '"position"' in run("bash", "-c", line.replace("7380", str(port)))
@@ -133,10 +134,21 @@ def test_the_page_s_examples_run_and_the_bridge_is_there_for_them_alone(robot: R
     assert robot.down() == 0
 
 
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Robot, int]]:
+    """A system whose bridge may be stopped; its port."""
+    with systems(tmp_path_factory.mktemp("socket"), "paced") as make:
+        robot = make()
+        yield robot, started(robot, "--set", f"processes.socket_bridge.late_s={LATE_S}", "--set",
+                             "processes.socket_bridge.hung_s=60")
+        robot.pids.add(robot.pid("socket_bridge"))
+        assert robot.down() == 0
+
+
 @pytest.mark.parametrize("how", ["kill -9", "stop and go"])
-def test_the_arm_stops_when_the_bridge_that_streams_does(robot: Robot, records: Records, how: str) -> None:
-    port = started(robot, "--set", f"processes.socket_bridge.late_s={LATE_S}", "--set",
-                   "processes.socket_bridge.hung_s=60")
+def test_the_arm_stops_when_the_bridge_that_streams_does(
+        shared: tuple[Robot, int], records: Records, how: str) -> None:
+    robot, port = shared
     client, state = homed(robot, port), records(robot, "PSM1", "state")
     joint = state.field("position")
 
@@ -161,8 +173,8 @@ def test_the_arm_stops_when_the_bridge_that_streams_does(robot: Robot, records: 
     os.kill(pid, signal.SIGKILL if how == "kill -9" else signal.SIGSTOP)
     begin, stood = yaw(), state.stamp_ns
     if how != "kill -9":
-        end = time.monotonic() + LATE_S + 2.0
-        while time.monotonic() < end:  # nobody takes it now, it lies in the socket
+        end = time.monotonic() + LATE_S + 1.0
+        while time.monotonic() < end:  # nothing takes it now, it lies in the socket
             say_jog()
             time.sleep(0.02)
     wait_for(rests, 30, "the arm stands")
@@ -181,11 +193,10 @@ def test_the_arm_stops_when_the_bridge_that_streams_does(robot: Robot, records: 
     wait_for(lambda: state.newest() and np.allclose(joint[:3], [0, 0, 0.12], atol=1e-6), 30, "it moves on as asked")
     for each in (client, again):
         each.socket.close()
-    assert robot.down() == 0
 
 
-def test_a_hold_of_one_connection_ends_the_stream_of_another(robot: Robot) -> None:
-    port = started(robot, *PATIENT)
+def test_a_hold_of_one_connection_ends_the_stream_of_another(shared: tuple[Robot, int]) -> None:
+    robot, port = shared
     first, second = homed(robot, port), SocketClient(port)
     yaw, ids = 0.0, itertools.count(2)
 
@@ -215,7 +226,6 @@ def test_a_hold_of_one_connection_ends_the_stream_of_another(robot: Robot) -> No
     wait_for(streams, 60, "it is followed again")
     for each in (first, second):
         each.close()
-    assert robot.down() == 0
 
 
 def test_clients_from_elsewhere_show_a_token_and_look(robot: Robot, tmp_path: Path) -> None:
@@ -239,4 +249,3 @@ def test_clients_from_elsewhere_show_a_token_and_look(robot: Robot, tmp_path: Pa
     assert "is read-only" in client.ask(op="call", to="PSM1", command="state_command", text="enable")["error"]
     robot.pids.add(robot.pid("socket_bridge"))
     client.close()
-    assert robot.down() == 0

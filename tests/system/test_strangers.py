@@ -61,7 +61,7 @@ def forged(board_ids: list[int], sequence: int, label: int) -> bytes:
         block[8:12] = [FORGED] * 4
         quads += [HUB_QUADS << 24 | (sequence & 0xFF) << 16 | 200, *block]
     data = np.array([*quads, 0], dtype=">u4").tobytes()
-    return board_side.block_response(board_ids[0], label % wire.TL_COUNT, data, wire.Trailer())
+    return board_side.block_response(board_ids[0], label % wire.TL_COUNT, data, board_side.Trailer())
 
 
 def test_replies_of_strangers_change_nothing(several: Robot, records: Records) -> None:

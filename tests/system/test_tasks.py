@@ -66,8 +66,7 @@ def test_a_task_that_hangs_is_named_with_its_line(robot: Robot, tmp_path: Path) 
     robot.up(system_file(tmp_path, "{effort: 1.2, hangs: true}"))
     io = robot.pid("IO1")
     robot.trocar("home", code=None)
-    wait_for(lambda: robot.pid("IO1") not in (0, io), 60.0, "it is killed, and started again")
-    robot.pids.add(robot.pid("IO1"))
+    robot.comes_back("IO1", io)
     assert "; where: push.py line 1" in reason(robot, "IO1") and " in step, trocar logs IO1" in reason(robot, "IO1")
     assert 'push.py", line 1' in robot.trocar("logs", "IO1") and robot.down() == 0
 

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from tests.system.robot import Robot, wait_for
+from tests.system.robot_in_host import HOSTED
 from trocar.shm.system import directory
 from trocar.tools.client.remote import Remote
 from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
-# On simulated time: five processes at full rate starve each other on a busy machine. Slower loops: fewer turns.
-SETS = ("--set", "clock=lockstep", "--set", "arm.period_s=0.002", "--set", "io.period_s=0.001")
+pytestmark = [pytest.mark.slow, pytest.mark.simulated(HOSTED)]
 PINCH = 0.75  # rad, more than the 40° that the file asks for
 NAME = "MTML_PSM1"
 STILL_M = 1e-4
@@ -77,7 +76,7 @@ class Surgeon:
 @pytest.fixture
 def operator(robot: Robot, data: Callable[[str], Path]) -> Iterator[Surgeon]:
     robot.up(data("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json"), "--boards", "emulated", "--path",
-             str(data("dvrk-share")), *SETS)
+             str(data("dvrk-share")))
     with Remote(robot.name, "boards") as boards, Remote(robot.name, "PSM1") as slave:
         boards.ask("insert_instrument", text="PSM1 LARGE_NEEDLE_DRIVER:400006")
         wait_for(lambda: slave.answered("set_tool_type", (), "LARGE_NEEDLE_DRIVER:400006").outcome == "done", 60,
@@ -145,4 +144,3 @@ def test_the_slave_follows_a_hand_and_deaths_end_that(operator: Surgeon) -> None
                  f"{victim}'s restart")
         operator.waits_for(reason)
         assert np.linalg.norm(operator.place() - before) < 1e-3, f"the slave went on when {victim} had died"
-    assert robot.down() == 0

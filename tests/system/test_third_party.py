@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.robot import ROOT, SLOWER, Robot, wait_for
 from trocar.shm.system import directory
 from trocar.tools.inspect.processes import statuses
 
@@ -67,7 +67,7 @@ def moved(records: np.ndarray) -> float:
 
 
 def test_a_slave_follows_a_recording_and_its_death_ends_that(robot: Robot, tmp_path: Path) -> None:
-    robot.up(SYSTEM, "--set", "supervisor_lost_s=60")
+    robot.up(SYSTEM, *SLOWER, "--set", "supervisor_lost_s=60")
     robot.insist("send", "system", "home", "--wait")
     teleop = directory.reader(robot.name, "MTMR_PSM1", "state", "teleop")
     slave = directory.reader(robot.name, "PSM1", "state", "arm")
@@ -124,9 +124,8 @@ def test_a_master_of_the_system_is_started_when_wanted_and_again_after_its_death
         if "arm_file" in arm:
             arm["arm_file"] = f"{ROOT}/configs/{arm['arm_file']}"
     (tmp_path / "lab.yaml").write_text(yaml.safe_dump({**system, **yaml.safe_load(declared)}))
-    robot.up(tmp_path / "lab.yaml")
-    wait_for(lambda: robot.state("MTMR") == "RUNNING", 60, "whoever reads it has started it")
-    robot.pids.add(robot.pid("MTMR"))
+    robot.up(tmp_path / "lab.yaml", *SLOWER)
+    robot.comes_back("MTMR", 0)
     teleop = directory.reader(robot.name, "MTMR_PSM1", "state", "teleop")
 
     def goals(begin: int) -> list[float]:
@@ -139,8 +138,7 @@ def test_a_master_of_the_system_is_started_when_wanted_and_again_after_its_death
     def die() -> None:
         pid = robot.kill("MTMR")
         wait_for(lambda: teleop.newest() and not teleop.field("following"), 60, "its death ends that")
-        wait_for(lambda: robot.state("MTMR") == "RUNNING" and robot.pid("MTMR") != pid, 60, "its successor")
-        robot.pids.add(robot.pid("MTMR"))
+        robot.comes_back("MTMR", pid)
 
     def ask() -> None:
         robot.trocar("send", "system", "home", "--wait", code=None)

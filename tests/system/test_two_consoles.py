@@ -15,7 +15,6 @@ from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
-LOCKSTEP = ("--set", "clock=lockstep")
 MS = 1_000_000
 
 
@@ -56,7 +55,7 @@ class Consoles:
 
     def __init__(self, robot: Robot, file: Path) -> None:
         self.robot = robot
-        robot.up(file, "--boards", "emulated", *LOCKSTEP)
+        robot.up(file, "--boards", "emulated")
         robot.trocar("send", "system", "home", "--wait")
         self.rings: dict[str, RingReader] = {}
         for name, kind in (("IO1", "io"), ("left", "console"), ("right", "console"), ("MTML_PSM1", "teleop"),
@@ -106,7 +105,6 @@ def consoles(robot: Robot, tmp_path: Path) -> Iterator[Consoles]:
     both = Consoles(robot, dual(tmp_path))
     yield both
     both.close()
-    assert robot.down() == 0
 
 
 def both_follow(consoles: Consoles) -> None:

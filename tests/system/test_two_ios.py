@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 import yaml
 
-from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.robot import AT_250_HZ, ROOT, Robot, wait_for
+from tests.system.robot_in_host import HOSTED
 from trocar.shm.system import directory
 from trocar.tools.bench.io_loop import write_system
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
-LOCKSTEP = ("--set", "clock=lockstep")  # what one of them does is compared with the other, not with the machine
 
 
 def two_buses(folder: Path) -> Path:
@@ -34,17 +35,19 @@ def shown(robot: Robot, instance: str, name: str) -> list[float]:
     return list(value) if isinstance(value, list) else [value]
 
 
-def test_an_io_that_is_killed_leaves_the_robot_of_another_holding(robot: Robot, tmp_path: Path) -> None:
-    robot.up(two_buses(tmp_path), *LOCKSTEP)
+def test_an_io_that_is_killed_leaves_the_robot_of_another_homed_and_holding(robot: Robot, tmp_path: Path) -> None:
+    robot.up(two_buses(tmp_path))
     robot.trocar("power-on")
-    robot.trocar("home")
+    robot.home("PSM2")
     faults = shown(robot, "IO2", "fault")
     died = robot.kill("IO1")
     wait_for(lambda: not any(shown(robot, "boards", "amp_on")[:7]), 60, "the first bus cuts its amplifiers")
     wait_for(lambda: robot.state("IO1") == "RUNNING" and robot.pid("IO1") != died, 60, "IO1 is there again")
     assert shown(robot, "IO2", "fault") == faults == [0]
-    assert all(shown(robot, "boards", "amp_on")[7:]) and all(shown(robot, "IO2", "pid_enabled"))
-    assert '"HOMED"' in robot.trocar("echo", "PSM2/operating_state", "--json", "--once")
+    assert all(shown(robot, "boards", "amp_on")[7:]) and all(shown(robot, "IO2", "powered"))
+    state = json.loads(robot.trocar("echo", "PSM2/operating_state", "--json", "--once"))
+    assert state["state"] == "ENABLED" and state["is_homed"], state
+    assert all(shown(robot, "IO2", "pid_enabled"))
     robot.trocar("power-on", "PSM1")
     wait_for(lambda: all(shown(robot, "IO1", "powered")), 60, "IO1 has power again")
 
@@ -67,8 +70,9 @@ def two_masters_of_one_name(folder: Path) -> Path:
     return file
 
 
+@pytest.mark.simulated(HOSTED)
 def test_robots_of_one_name_on_two_buses_are_homed_and_pushed_apart(robot: Robot, tmp_path: Path) -> None:
-    robot.up(two_masters_of_one_name(tmp_path), "--boards", "emulated", *LOCKSTEP)
+    robot.up(two_masters_of_one_name(tmp_path), "--boards", "emulated", *AT_250_HZ)
     robot.trocar("power-on")
     robot.trocar("home", "MTML2")
     assert '"HOMED"' in robot.trocar("echo", "MTML2/operating_state", "--json", "--once")

@@ -92,13 +92,11 @@ def up(robot: Robot, folder: Path, program: str, *rows: dict[str, object]) -> No
 def test_a_broken_and_a_hanging_process_change_nothing_else(robot: Robot, tmp_path: Path) -> None:
     up(robot, tmp_path, PROGRAM, {"name": "broken", "on_exit": "stay-down"},
        {"name": "stuck", "hung_s": 0.5, "late_s": 0.3, "commands": [{"name": "hang"}]})
-    wait_for(lambda: robot.state("stuck") == "RUNNING", 60, "the one without a mistake runs")
-    robot.pids.add(robot.pid("stuck"))
+    robot.comes_back("stuck", 0)
     wait_for(lambda: "no sensor on the line" in reason(robot, "broken"), 60, "why the other does not")
     arm, stuck = robot.pid("PSM1"), robot.pid("stuck")
     robot.trocar("send", "stuck", "hang", "--timeout", "0.1", code=None)
-    wait_for(lambda: robot.state("stuck") == "RUNNING" and robot.pid("stuck") != stuck, 60, "killed and started again")
-    robot.pids.add(robot.pid("stuck"))
+    robot.comes_back("stuck", stuck)
     assert "hung for" in reason(robot, "stuck") and " in on_hang, trocar logs stuck" in reason(robot, "stuck")
     line = PROGRAM[:PROGRAM.index("time.sleep")].count("\n") + 1
     assert f'mine.py", line {line} in on_hang' in robot.trocar("logs", "stuck")
@@ -128,7 +126,7 @@ def test_one_that_ends_by_itself_says_so_and_is_not_said_to_run(robot: Robot, tm
 
 def test_a_filter_that_hangs_is_ended_and_in_c_its_process_is_killed(robot: Robot, tmp_path: Path) -> None:
     topic = {"name": "count", "fields": [{"name": "count", "type": "int"}]}
-    up(robot, tmp_path, SHARING, {"name": "lab", "hung_s": 10.0, "late_s": 0.5, "period_s": 0.005},
+    up(robot, tmp_path, SHARING, {"name": "lab", "hung_s": 4.0, "late_s": 0.5, "period_s": 0.005},
        {"name": "good", "host": "lab", "topics": [topic]},
        {"name": "bad", "host": "lab", "topics": [topic], "commands": [{"name": "loop"}, {"name": "stick"}]})
     good, bad = (directory.reader(robot.name, name, "count") for name in ("good", "bad"))
@@ -142,8 +140,7 @@ def test_a_filter_that_hangs_is_ended_and_in_c_its_process_is_killed(robot: Robo
     assert robot.pid("lab") == lab, "in the same process"
     wait_for(lambda: robot.state("bad") == "RUNNING", 60, "it has begun anew")
     robot.trocar("send", "bad", "stick", "--timeout", "0.1", code=None)
-    wait_for(lambda: robot.pid("lab") != lab and robot.state("lab") == "RUNNING", 90, "the process was killed")
-    robot.pids.add(robot.pid("lab"))
+    robot.comes_back("lab", lab)
     wait_for(lambda: robot.pid("good") == robot.pid("bad") == robot.pid("lab"), 60, "both run again")
     heads = good.head, bad.head
     wait_for(lambda: good.head > heads[0] and bad.head > heads[1], 60, "and publish")

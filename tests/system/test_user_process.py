@@ -32,7 +32,7 @@ def main(process):
 def system_of_the_page(folder: Path) -> Path:
     """A kinematic PSM1, and the processes of the page beside it."""
     programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    sections = [parse_yaml(text).data["trocar"] for text in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]  # type: ignore[index,call-overload]
+    sections = [parse_yaml(text).data["trocar"] for text in re.findall(r"```yaml\n(trocar:.*?)```", PAGE, re.DOTALL)]  # type: ignore[index,call-overload]
     assert all(len(program.splitlines()) <= 40 for program in programs)
     for name, program in zip(("box.py", "sensor.py", "smooth.py", "speed.py"), programs, strict=True):
         (folder / name).write_text(program)
@@ -80,14 +80,13 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     pushing = robot.pid("box")
     robot.trocar("power-off")
     robot.home("PSM1")  # where the tip is known again it is outside, and an operator has to ask again
-    wait_for(lambda: "pushes no more: " in problem(robot, "box"), 60, "it stops pushing, and says so")
+    wait_for(lambda: "stopped pushing: " in problem(robot, "box"), 60, "it stops pushing, and says so")
     assert "done" in robot.trocar("send", "box", "keep_in", "1")
     wait_for(lambda: arm.newest() and int(arm.field("control_mode")) == 3, 60, "the arm is pushed again")
     assert problem(robot, "box") == "" and robot.pid("box") == pushing
 
     before, arm_before = robot.kill("box"), robot.pid("PSM1")
-    wait_for(lambda: robot.state("box") == "RUNNING" and robot.pid("box") != before, 60, "the box is back")
-    robot.pids.add(robot.pid("box"))
+    robot.comes_back("box", before)
     assert problem(robot, "box") == "pushes nothing yet: trocar send box keep_in 1", "it has forgotten the command"
     assert robot.pid("PSM1") == arm_before and robot.state("force") == "RUNNING"
     epoch, lab = smooth.epoch, robot.kill("lab")
@@ -101,8 +100,7 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     assert robot.state("asleep") != "RUNNING"
     somebody = Subscriber(robot.name, "asleep")
     somebody.want("count")
-    wait_for(lambda: robot.state("asleep") == "RUNNING", 60, "it starts for whoever wants its topic")
-    robot.pids.add(robot.pid("asleep"))
+    robot.comes_back("asleep", 0)
     assert "asleep.site = far left" in robot.trocar("set", "asleep.site", "far left")
     assert "is not a number" in robot.trocar("set", "box.x", "far left", code=2)
     somebody.close()

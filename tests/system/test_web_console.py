@@ -18,9 +18,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 from websockets.sync.client import ClientConnection, connect
 
+from tests.system.conftest import systems
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_single_processes import row
-from tests.system.test_socket_bridge import free
+from tests.system.test_socket_bridge import COARSE, free
 from trocar.shm.ring.ring import RingReader
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
@@ -166,7 +167,7 @@ def played(robot: Robot, scene: Callable[[], None]) -> None:
 @pytest.mark.alone  # held up for a second, a console sends its pages away
 def test_the_console_is_there_for_its_pages_and_its_death_ends_what_is_held(robot: Robot, records: Records) -> None:
     port = free()
-    robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}", "--set", "processes.gui.linger_s=0.2")
+    robot.up(KINEMATIC, *COARSE, "--set", f"gui.listen=127.0.0.1:{port}", "--set", "processes.gui.linger_s=0.2")
     assert row(robot, "gui")["lifecycle"] == "STOPPED"
     joint = (state := records(robot, "PSM1", "state")).field("position")
 
@@ -214,9 +215,20 @@ def test_the_console_is_there_for_its_pages_and_its_death_ends_what_is_held(robo
     assert robot.down() == 0
 
 
-def test_on_a_slow_way_a_jog_ends_with_the_finger_and_control_with_the_page(robot: Robot, records: Records) -> None:
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Robot, int]]:
+    """A master, a slave and a console with a web console that may be stopped; its port."""
     port = free()
-    robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}")
+    with systems(tmp_path_factory.mktemp("pages"), "paced") as make:
+        robot = make()
+        robot.up(KINEMATIC.with_name("kinematic-teleop.yaml"), *COARSE, "--set", f"gui.listen=127.0.0.1:{port}",
+                 "--set", "processes.gui.hung_s=60")
+        yield robot, port
+
+
+def test_on_a_slow_way_a_jog_ends_with_the_finger_and_control_with_the_page(
+        shared: tuple[Robot, int], records: Records) -> None:
+    robot, port = shared
     joint = (state := records(robot, "PSM1", "state")).field("position")
     velocity = state.field("velocity")
 
@@ -251,9 +263,9 @@ def test_on_a_slow_way_a_jog_ends_with_the_finger_and_control_with_the_page(robo
     played(robot, goes_slow_and_is_late)
 
 
-def test_an_emulated_operator_goes_with_the_last_page_that_had_control(robot: Robot, records: Records) -> None:
-    port = free()
-    robot.up(KINEMATIC.with_name("kinematic-teleop.yaml"), "--set", f"gui.listen=127.0.0.1:{port}")
+def test_an_emulated_operator_goes_with_the_last_page_that_had_control(
+        shared: tuple[Robot, int], records: Records) -> None:
+    robot, port = shared
     present = (state := records(robot, "console", "state")).field("operator_present")
 
     def comes() -> None:
@@ -271,17 +283,21 @@ def test_an_emulated_operator_goes_with_the_last_page_that_had_control(robot: Ro
     wait_for(lambda: state.newest() and not bool(present), 30, "the operator is absent")
 
 
-def test_what_was_asked_while_the_console_stood_still_is_not_done(robot: Robot, records: Records) -> None:
-    port = free()
-    robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}", "--set", "processes.gui.hung_s=60")
+def test_what_was_asked_while_the_console_stood_still_is_not_done(
+        shared: tuple[Robot, int], records: Records) -> None:
+    robot, port = shared
     joint = (state := records(robot, "PSM1", "state")).field("position")
 
+    stands = 0.0
+
     def stands_still() -> None:
+        nonlocal stands
         with page(robot, port) as one:
             one.take_control()
             for text in ("enable", "home"):
                 one.asked("PSM1", "state_command", text=text)
-            pid = robot.pid("gui")
+            assert state.newest()
+            pid, stands = robot.pid("gui"), float(joint[0])
             os.kill(pid, signal.SIGSTOP)
             end = time.monotonic() + 1.6
             while time.monotonic() < end:  # lies in the socket
@@ -297,4 +313,4 @@ def test_what_was_asked_while_the_console_stood_still_is_not_done(robot: Robot, 
     assert state.newest()
     begin = state.stamp_ns
     wait_for(lambda: state.newest() and state.stamp_ns > begin + 300_000_000, 30, "0.3 s of the system")
-    assert abs(joint[0]) < 1e-9
+    assert abs(joint[0] - stands) < 1e-9

@@ -1,4 +1,4 @@
-"""docs/operating.md, "What you see, what it means, what to type": every row, tried on emulated faults.
+"""docs/faults.md, "What you see, what it means, what to type": every row, tried on emulated faults.
 
 A scenario makes what the row is about, the words of its first column must be seen, hands mend what broke, and what the
 last column says is typed: then all is well.
@@ -17,12 +17,12 @@ import yaml
 
 from tests.system.conftest import systems
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
+from tests.system.robot_in_host import HOSTED
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated(HOSTED)]
 HEADING = "## What you see, what it means, what to type"
 Words = tuple[str, ...]
 STATUS: Words = ("status",)
-LOCKSTEP = ("--set", "clock=lockstep")  # nobody is late on a busy machine
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Scenario:
 
 
 def rows() -> list[SightRow]:
-    text = (ROOT / "docs" / "operating.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
     section = text.partition(HEADING)[2].partition("\n## ")[0]
     found = []
     for line in section.splitlines():
@@ -91,9 +91,9 @@ def test_every_row_has_a_scenario_and_every_scenario_a_row() -> None:
 @pytest.fixture(scope="module")
 def homed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
     """The demo's arm, homed; one for all rows, each of which leaves it so."""
-    with systems(tmp_path_factory.mktemp("rows")) as make:
+    with systems(tmp_path_factory.mktemp("rows"), HOSTED) as make:
         robot = make()
-        robot.up(DEMO, *LOCKSTEP)
+        robot.up()
         robot.trocar("home", timeout=300)
         yield robot
 
@@ -156,7 +156,7 @@ def test_an_instrument_that_nobody_named_is_asked_for(robot: Robot, tmp_path: Pa
     system["arms"][0]["arm_file"] = str(arm)
     file = tmp_path / "system.yaml"
     file.write_text(yaml.safe_dump(system))
-    robot.up(file, *LOCKSTEP)
+    robot.up(file)
     robot.trocar("send", "boards", "insert_instrument", *SCENARIOS[key].breaks[0].split()[1:])
     reported = printed(robot, ("home", "--timeout", "15"))
     assert re.search(ROWS[key].patterns[0], reported), reported
@@ -169,6 +169,5 @@ def test_io_that_died_is_told_and_the_arm_is_homed_again(homed: Robot) -> None:
     robot.trocar("home", timeout=300)
     old = robot.kill("IO1")
     wait_for(lambda: robot.pid("IO1") != old and robot.state("IO1") == "RUNNING", 60, "io's restart")
-    robot.pids.add(robot.pid("IO1"))
     see(robot, ROWS["io was restarted"], STATUS)
     type_it(robot, ROWS["io was restarted"])

@@ -20,9 +20,9 @@ from trocar.procs.teleop.arms import BaseFrame, Operator, TeleopArm
 from trocar.procs.teleop.ecm import TeleopEcm
 from trocar.procs.teleop.psm import TeleopPsm
 from trocar.procs.teleop.record import TeleopRecord
-from trocar.procs.teleop.teleop import Teleop
+from trocar.procs.teleop.teleop import Teleop, TeleopContext
 from trocar.shm.mailbox.generations import NoFaults
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.operator_topics import CONSOLE_STATE, TELEOP_STATE
 from trocar.shm.system.events import SEVERITIES
@@ -34,6 +34,10 @@ SECOND = 1_000_000_000
 JAW = (math.radians(-40.0), math.radians(80.0))
 SMALL_JAW = (0.0, math.radians(30.0))
 NO_JAW = (math.radians(-20.0), 0.0)
+EXACT = {"start_orientation_tolerance": math.radians(5.0), "start_gripper_threshold": math.radians(40.0),
+         "start_roll_threshold": math.radians(4.0), "jaw_rate": 4.0 * math.pi, "jaw_rate_after_clutch": 0.2 * math.pi,
+         "gripper_max": math.radians(60.0)}
+"""The usual settings, which files have to seven digits."""
 
 
 class FakeTeleopRing:
@@ -76,7 +80,7 @@ class FakeTeleopArm:
         self.sent: list[tuple[str, tuple[float, ...], str]] = []
         self.answers: list[Answer] = []
         self.origins: list[Origin] = []
-        self.origin = NOBODY
+        self.origin = NO_ORIGIN
         self.alive, self.obeys = True, True
         self.valid_from = 0
         """Commands of an earlier fault generation count for nothing."""
@@ -185,7 +189,7 @@ class FakeTeleopArm:
         return [text or name for name, _, text in self.sent]
 
     def seen(self, *, is_master: bool = False) -> TeleopArm:
-        self.origin = NOBODY  # a handle of a new process
+        self.origin = NO_ORIGIN  # a handle of a new process
         return TeleopArm(self.name, Input(self.ring), self.events, self, is_master=is_master)
 
 
@@ -241,9 +245,10 @@ class TeleopHarness:
         record = TeleopRecord(self.record.field, "PSM", ("MTMR",), "PSM1", "console")
         range_of: Callable[[str], tuple[float, float] | None] = {"LND": JAW, "SMALL": SMALL_JAW, "HOOK": NO_JAW}.get
         carrier = "ECM" if self.setup is None else "SUJ"
-        return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values),
-                         self.master.seen(is_master=True), self.slave.seen(), operator, record, self.reports, range_of,
-                         BaseFrame(carrier, Input(self.base), self.setup) if self.base else None, faults=self.faults)
+        return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **{**EXACT, **values}),
+                         self.master.seen(is_master=True), self.slave.seen(),
+                         TeleopContext(operator, record, self.reports, self.faults), range_of,
+                         BaseFrame(carrier, Input(self.base), self.setup) if self.base else None)
 
     @property
     def master(self) -> FakeTeleopArm:
@@ -321,4 +326,4 @@ class EcmHarness(TeleopHarness):
         record = TeleopRecord(self.record.field, "ECM", ("MTML", "MTMR"), "ECM", "console")
         left, right, slave = (arm.seen(is_master=arm is not self.slave) for arm in self.arms.values())
         settings = EcmSettings("MTML_MTMR_ECM", "MTML", "MTMR", "ECM", 0.001, "console", **self.settings)
-        return TeleopEcm(settings, left, right, slave, operator, record, self.reports, faults=self.faults)
+        return TeleopEcm(settings, left, right, slave, TeleopContext(operator, record, self.reports, self.faults))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.examples import examples
 from trocar.procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix, rotation_from_vector
-from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
+from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, roll_between
 
 DEGREE = math.pi / 180
 NEAR = st.floats(-0.3, 0.3)
@@ -39,18 +39,6 @@ def test_a_fifth_of_the_master_s_way() -> None:
     assert goal[:3] == pytest.approx((0.002, -0.001, -0.096), abs=1e-12)
 
 
-@given(poses, poses, TURN)
-def test_orientation_is_followed_unscaled(master: np.ndarray, slave: np.ndarray, turn: tuple[float, ...]) -> None:
-    follow = PoseMapping(0.2)
-    follow.begin(master, slave)
-    change = rotation_from_vector(np.array(turn))
-    moved = matrix_from_pose(master)
-    moved[:3, :3] = change @ moved[:3, :3]
-    goal = follow.step(pose_from_matrix(moved))
-    np.testing.assert_allclose(rotation(goal), change @ rotation(slave), atol=1e-9)
-    assert goal[6] >= 0.0 and np.linalg.norm(goal[3:]) == pytest.approx(1.0, abs=1e-12)
-
-
 @given(poses, poses, poses, st.floats(0.01, 3.0), st.booleans(), st.booleans())
 def test_changes_while_following_move_nothing(
     master: np.ndarray, slave: np.ndarray, later: np.ndarray, scale: float, turns: bool, translation: bool
@@ -61,16 +49,6 @@ def test_changes_while_following_move_nothing(
     follow.scale, follow.rotation_locked, follow.translation_locked = scale, turns, translation
     follow.rebase(later)
     np.testing.assert_allclose(matrix_from_pose(follow.step(later)), before, atol=1e-9)
-
-
-@given(poses, poses, poses)
-def test_locks_keep_what_they_lock(master: np.ndarray, slave: np.ndarray, later: np.ndarray) -> None:
-    follow = PoseMapping(0.5, rotation_locked=True)
-    follow.begin(master, slave)
-    np.testing.assert_allclose(rotation(follow.step(later)), rotation(slave), atol=1e-9)
-    follow = PoseMapping(0.5, translation_locked=True)
-    follow.begin(master, slave)
-    np.testing.assert_allclose(follow.step(later)[:3], slave[:3], atol=1e-12)
 
 
 @given(poses, poses, poses, poses, poses)
@@ -90,14 +68,6 @@ def test_a_base_that_moves_is_made_up_for(
     np.testing.assert_allclose(rotation(later) @ offset, rotation(follow.goal), atol=1e-9)
 
 
-def test_velocity_is_scaled_where_it_is_wanted() -> None:
-    follow, twist = PoseMapping(0.2), np.arange(1.0, 7.0)
-    assert follow.velocity(twist, linear=True, angular=False) == pytest.approx((0.2, 0.4, 0.6, 0, 0, 0))
-    assert follow.velocity(twist, linear=False, angular=True) == (0, 0, 0, 4, 5, 6)
-    follow.translation_locked = follow.rotation_locked = True
-    assert not any(follow.velocity(twist, linear=True, angular=True))
-
-
 @given(poses, TURN)
 def test_angles_are_those_of_the_rotation(start: np.ndarray, turn: tuple[float, ...]) -> None:
     matrix = matrix_from_pose(start)
@@ -112,19 +82,6 @@ def test_roll_is_the_angle_of_the_y_axes() -> None:
     assert roll_between(pose((0, 0, 0)), pose((0, 0, 0), (0.0, 0.3, 0.0))) == pytest.approx(0.0)
 
 
-def test_gripper_roll_or_some_of_both_show_presence() -> None:
-    def seen(*angles: tuple[float, float]) -> bool:
-        presence = Presence(40 * DEGREE, 4 * DEGREE)
-        return [presence.look(gripper * DEGREE, roll * DEGREE) for gripper, roll in angles][-1]
-
-    assert not seen((50, 90))
-    assert not seen((50, 90), (20, 92))
-    assert seen((50, 90), (10, 90))
-    assert seen((50, 90), (50, 94.1))
-    assert seen((50, 90), (16, 92))  # 36 of 44
-    assert seen((50, 90), (10, 90), (20, 90))
-
-
 def test_a_threshold_of_zero_needs_nobody() -> None:
     assert Presence(0.0, 4 * DEGREE).look(0.0, 1.0)
 
@@ -136,15 +93,6 @@ def test_forgotten_presence_must_be_shown_again() -> None:
     presence.forget()
     assert not presence.look(1.0, 1.0)
     assert not presence.look(math.nan, math.nan)
-
-
-def test_the_reason_to_wait_is_in_plain_words() -> None:
-    start = Start(7.3 * DEGREE, 5 * DEGREE, is_active=True, is_moving=False)
-    assert waiting_for("MTMR", start) == "waiting: MTMR 7.3° off, tolerance 5°"
-    start = Start(0.0, 5 * DEGREE, is_active=False, is_moving=True)
-    assert waiting_for("MTMR", start) == "waiting: MTMR is still moving; pinch or twist MTMR's gripper a bit"
-    assert waiting_for("MTMR", Start(math.nan, 1.0, True, False)).startswith("waiting: MTMR nan° off")
-    assert not waiting_for("MTMR", Start(4.9 * DEGREE, 5 * DEGREE, True, False))
 
 
 def lnd() -> JawMapping:

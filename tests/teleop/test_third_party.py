@@ -12,7 +12,7 @@ from trocar.procs.node.inputs import Input
 from trocar.procs.teleop.arms import TeleopArm
 from trocar.procs.teleop.motion_check import STEP_RAD
 from trocar.procs.teleop.third_party import ThirdPartyArm
-from trocar.shm.mailbox.origins import NOBODY
+from trocar.shm.mailbox.origins import NO_ORIGIN
 from trocar.shm.operator_topics import THIRD_PARTY_STATE
 
 RECORD_NS = 10_000_000  # a hundred records a second
@@ -28,7 +28,7 @@ class Program(FakeTeleopArm):
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
     def seen(self, *, is_master: bool = False) -> TeleopArm:
-        self.origin = NOBODY
+        self.origin = NO_ORIGIN
         return ThirdPartyArm(self.name, Input(self.ring), self.events, self)
 
 

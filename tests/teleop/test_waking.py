@@ -9,11 +9,12 @@ import pytest
 
 from tests.conftest import World
 from trocar.procs.config import PROJECT_CONFIGS, load_system
-from trocar.procs.node import runtime
 from trocar.procs.node.life import document_of
-from trocar.procs.supervisor.memory import create_all, remove_all
-from trocar.procs.teleop.loop import IDLE_PERIODS, TeleopLoop
+from trocar.procs.node.node import Node
+from trocar.procs.supervisor.memory import create_all
+from trocar.procs.teleop.loop import TeleopLoop
 from trocar.shm.mailbox.client import Client, LoopClient
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 
@@ -31,7 +32,8 @@ def system(world: World) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("kind", [Client, LoopClient])
-@pytest.mark.parametrize(("name", "command"), [("MTMR_PSM1", "clutch"), ("console", "emulate_clutch")])
+@pytest.mark.parametrize(("name", "command"), [("MTMR_PSM1", "clutch"), ("console", "emulate_clutch"),
+                                               ("PSM1", "hold"), ("system", "beep")])
 def test_a_command_wakes_who_sleeps(system: str, kind: type[Client], name: str, command: str) -> None:
     page, client = ControlPage(system, name, write=True), kind(system, name)
     page.field("wakeup")[...] = 1  # it sleeps
@@ -43,10 +45,10 @@ def test_a_command_wakes_who_sleeps(system: str, kind: type[Client], name: str, 
 
 @pytest.mark.slow
 def test_a_tele_operation_at_rest_begins_a_cycle_when_it_is_asked(system: str) -> None:
-    node = runtime.Node(document_of(system), "MTMR_PSM1")
+    node = Node(document_of(system), "MTMR_PSM1")
     loop, client = TeleopLoop(node), Client(system, "MTMR_PSM1")
     node.pacing.period_ns = PERIOD_NS
-    node.ready()
+    loop.begin()
 
     def ask() -> None:
         while not node.page.get("wakeup"):
@@ -55,12 +57,12 @@ def test_a_tele_operation_at_rest_begins_a_cycle_when_it_is_asked(system: str) -
 
     asking, begun_ns = threading.Thread(target=ask), monotonic_ns()
     asking.start()
-    loop.wait()
+    loop.tick()
     asking.join()
-    assert monotonic_ns() - begun_ns < IDLE_PERIODS * PERIOD_NS, "it slept on"
-    loop.cycle(node.now_ns, node.wall_ns)
+    assert monotonic_ns() - begun_ns < loop.rest_periods * PERIOD_NS, "it slept on"
+    loop.update()
     assert client.poll(), "it was not answered"
     client.close()
-    loop.close()
+    loop.quit()
     node.give_back()
     node.close()

@@ -20,7 +20,7 @@ from trocar.shm.topics import Field, Topic
 SOURCE = Path(__file__).resolve().parents[2] / "tools" / "peek.c"
 STRICT = ("-std=c11", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror")
 VALUE = re.compile(r'(\S+?)=(\[(?:"[^"]*"|[^]"])*\]|"[^"]*"|\S+)')
-NUMBER = Topic("number", "io", 0, 0, (Field("value", "<i8", "", ""), Field("text", "S8", "", "")), depth=4)
+NUMBER = Topic("number", "io", (Field("value", "<i8", "", ""), Field("text", "S8", "", "")), depth=4)
 Peek = Callable[..., subprocess.CompletedProcess[str]]
 
 

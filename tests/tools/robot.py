@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,13 +32,16 @@ from trocar.procs.document.system import (
 from trocar.procs.supervisor import memory
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.mailbox import Mailbox
-from trocar.shm.memory.segment import names_of, segment_name, unlink
+from trocar.shm.memory.layout import Schema
+from trocar.shm.memory.parts import remove_all
+from trocar.shm.memory.segment import create
 from trocar.shm.system import directory
 from trocar.shm.system.events import Events
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
 
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
+KEPT = 64  # records of each ring: thousands take time to make
 IDENTITY = tuple(tuple(float(i == k) for k in range(4)) for i in range(4))
 
 
@@ -57,15 +63,20 @@ def _document(name: str, recordings: Path | None) -> SystemConfig:
     return SystemConfig(name, "made by a test", "wall", (io,), (arm,), None, processes, recorder=recorder)
 
 
+def short(kept: int, name: str, kind: str, schema: Schema, depth: int, info: dict[str, Any] | None = None) -> int:
+    """Rings keep a few records."""
+    return create(name, kind, schema, min(depth, kept) if kind == directory.RING else depth, info)
+
+
 class ScriptedRobot:
     """The segments of one system, and the writing ends of its arm and io.
 
     With a folder for `recordings` it has the places of a recorder, too, which the test may take.
     """
 
-    def __init__(self, name: str, recordings: Path | None = None) -> None:
+    def __init__(self, name: str, recordings: Path | None = None, kept: int = KEPT) -> None:
         self.name = name
-        memory.create_all(_document(name, recordings))
+        memory.create_all(_document(name, recordings), partial(short, kept))
         self.pages = {i: ControlPage(name, i, write=True) for i in ("supervisor", "IO1", "PSM1")}
         for instance, page in self.pages.items():
             page.segment.claim(instance)
@@ -123,24 +134,25 @@ class ScriptedRobot:
     def close(self) -> None:
         """Give everything back and remove the segments."""
         self.close_ends()
-        for part in names_of(self.name):
-            unlink(segment_name(*part))
+        remove_all(self.name)
 
 
 def nothing_ages(monkeypatch: pytest.MonkeyPatch) -> None:
     """Time stands for whoever asks how old a record is, however slow this machine is."""
     now_ns = monotonic_ns()
     monkeypatch.setattr("trocar.tools.inspect.watch.monotonic_ns", lambda: now_ns)
+    monkeypatch.setattr("trocar.tools.client.shared.SystemTime",
+                        lambda _: SimpleNamespace(now_ns=lambda: now_ns, close=lambda: None))
 
 
 @contextlib.contextmanager
-def robot(name: str) -> Iterator[ScriptedRobot]:
+def robot(name: str, kept: int = KEPT) -> Iterator[ScriptedRobot]:
     """A system that is gone afterwards, whatever happens."""
-    made = ScriptedRobot(name)
+    made = ScriptedRobot(name, kept=kept)
     try:
         yield made
     finally:
         made.close()
 
 
-__all__ = ["JOINTS", "ScriptedRobot", "nothing_ages", "robot"]
+__all__ = ["JOINTS", "KEPT", "ScriptedRobot", "nothing_ages", "robot", "short"]

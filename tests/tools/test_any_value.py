@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
+import random
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn
@@ -49,8 +49,9 @@ STARTS, DRIVES, NO_RECORD = "starts or ends processes", "only sends commands", "
 EXCEPTED: Final = {
     **dict.fromkeys(("demo", "up", "down", "start", "stop", "restart", "commission", "rl rollout"), STARTS),
     **dict.fromkeys(("power-on", "home", "power-off", "set", "stream", "pid set"), DRIVES),
-    **dict.fromkeys(("bus scan", "bus read", "bus write", "bus watch", "check", "kinematics fk", "kinematics jacobian",
-                     "kinematics ik", "kinematics gravity", "convert", "doctor", "bench"), NO_RECORD),
+    **dict.fromkeys(("bus scan", "bus read", "bus write", "bus watch", "check", "new-arm", "kinematics fk",
+                     "kinematics jacobian", "kinematics ik", "kinematics gravity", "convert", "doctor",
+                     "bench"), NO_RECORD),
     "record": "asks the recorder to write; what it writes is what `dump` does",
     "pid save": "checks the file that it has written before it keeps it (tests/tools/test_pid.py)"}
 """Verbs that are not tried here, and why."""
@@ -155,7 +156,7 @@ def test_every_verb_is_tried_or_excepted() -> None:
 
 
 @pytest.mark.slow
-@examples(25, suppress_health_check=list(HealthCheck))
+@examples(12, suppress_health_check=list(HealthCheck))
 @given(pattern=PATTERNS)
 def test_bridges_and_pages_show_any_value(wild: WildSystem, readers: list[Callable[[], None]],
                                           pattern: list[int]) -> None:
@@ -176,14 +177,13 @@ def test_verbs_print_any_value(wild: WildSystem, topics: Topics, pattern: list[i
 
 
 @pytest.mark.slow
-@examples(5, suppress_health_check=list(HealthCheck))
-@given(pattern=PATTERNS)
-def test_recordings_of_any_value_are_read(wild: WildSystem, tmp_path: Path, pattern: list[int]) -> None:
-    wild.write(spread(wild.fields, pattern))
-    with tempfile.TemporaryDirectory(dir=tmp_path) as folder:
-        meant = {RECORDING: f"{folder}/wild.mcap", AS: f"{wild.name}-again"}
-        answered(["dump", meant[RECORDING], "--system", wild.name])
-        answered(["report", f"{folder}/wild.tar.gz", "--system", wild.name])
-        for k, words in enumerate(OF_A_RECORDING):
-            meant[NEW] = f"{folder}/{k}"
-            answered([meant.get(word, word) for word in words])
+def test_recordings_of_any_value_are_read(wild: WildSystem, tmp_path: Path) -> None:
+    chance = random.Random(7)  # a single example of hypothesis has only the good values
+    for _ in range(8):
+        wild.write(spread(wild.fields, chance.choices(range(8), k=31)))
+    meant = {RECORDING: f"{tmp_path}/wild.mcap", AS: f"{wild.name}-again"}
+    answered(["dump", meant[RECORDING], "--system", wild.name])
+    answered(["report", f"{tmp_path}/wild.tar.gz", "--system", wild.name])
+    for k, words in enumerate(OF_A_RECORDING):
+        meant[NEW] = f"{tmp_path}/{k}"
+        answered([meant.get(word, word) for word in words])

@@ -7,8 +7,9 @@ import os
 import numpy as np
 import pytest
 
-from trocar.procs.arm.loop import AT_REST, PERIODS_AT_REST, PERIODS_OVERLOADED, most_periods
+from trocar.procs.arm.loop import AT_REST, PERIODS_OVERLOADED, most_periods
 from trocar.procs.arm.motion import Mode
+from trocar.procs.config import PROJECT_CONFIGS
 from trocar.procs.host.stepped_arm import SteppedArm
 from trocar.procs.native.library import native
 from trocar.shm.memory.segment import names_of
@@ -21,7 +22,9 @@ KEYS = ("cycle_cpu_us_p50", "cycle_following_cpu_us_p50", "fk_jacobian_us_p50", 
 
 
 @pytest.mark.slow
-def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
+def test_a_short_bench_gives_every_figure_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert all((PROJECT_CONFIGS / "systems" / f"{file}.yaml").exists() for file in bench_arm.FILES.values())
+    monkeypatch.setattr(bench_arm, "FILES", {"": "kinematic"})
     result = bench_arm.run(cycles=60, poses=60)
     figures = result["figures"]
     assert all(figures[key] > 0.0 for key in KEYS)
@@ -38,31 +41,32 @@ def _steps(bench: SteppedArm, count: int) -> None:
         bench.step()
 
 
-def test_an_arm_at_rest_takes_every_second_cycle_until_it_is_asked_for_something() -> None:
+def test_an_arm_rests_until_it_is_asked_for_something() -> None:
     with bench_arm.arm_bench("kinematic") as bench:
         loop = bench.loop
-        assert loop.periods(False, bench.now_ns) == 1
+        assert loop.rest_periods == 15 and not loop.may_rest
         _steps(bench, AT_REST + 3)
-        assert loop.periods(False, bench.now_ns) == PERIODS_AT_REST
+        assert loop.may_rest and not loop.has_news()
         bench.send("state_command", (), "enable")
+        assert loop.has_news()
         bench.step()
-        assert loop.periods(False, bench.now_ns) == 1
+        assert not loop.may_rest
         _steps(bench, 3 * AT_REST)
-        assert loop.periods(False, bench.now_ns) == PERIODS_AT_REST and bench.arm.state == "ENABLED"
+        assert loop.may_rest and bench.arm.state == "ENABLED"
 
 
-def test_an_arm_at_rest_takes_every_cycle_while_somebody_has_subscribed_to_its_records() -> None:
+def test_an_arm_does_not_rest_while_a_reader_wants_every_record() -> None:
     with bench_arm.arm_bench("kinematic") as bench:
         loop = bench.loop
         _steps(bench, AT_REST + 3)
-        for topic in ("state", "setpoint"):
-            subscriber = Subscriber(bench.name, "PSM1")
-            subscriber.want(topic)
+        for every in (False, True):
+            subscriber = Subscriber(bench.name, "PSM1", every=every)
+            subscriber.want("state")
             bench.step()
-            assert loop.periods(False, bench.now_ns) == 1
+            assert loop.may_rest is not every
             subscriber.close()
             bench.step()
-            assert loop.periods(False, bench.now_ns) == PERIODS_AT_REST
+            assert loop.may_rest
 
 
 @pytest.mark.slow
@@ -92,13 +96,11 @@ def test_an_arm_that_is_short_of_time_takes_fewer_cycles_and_says_so_once() -> N
         loop = bench.loop
         reported = directory.reader(bench.name, "PSM1", "events")
         moving = [loop.periods(short, bench.now_ns) for short in (False, True, True)]
-        assert moving == [1, PERIODS_OVERLOADED[False], PERIODS_OVERLOADED[False]]
-        _steps(bench, AT_REST + 3)
-        assert loop.periods(True, bench.now_ns) == PERIODS_OVERLOADED[True]
+        assert moving == [1, PERIODS_OVERLOADED, PERIODS_OVERLOADED]
         warnings = [row["text"].decode() for row in reported.since(0) if row["code"] == b"cpu-overload"]
         reported.close()
     assert warnings == ["PSM1: the machine is overloaded: one cycle in 2"]
 
 
 def test_an_arm_that_is_slow_by_its_file_is_never_so_slow_that_it_seems_silent() -> None:
-    assert most_periods(1 / 1500) >= max(PERIODS_OVERLOADED.values()) and most_periods(0.01) == 1 == most_periods(0.02)
+    assert most_periods(1 / 1500) >= PERIODS_OVERLOADED and most_periods(0.01) == 1 == most_periods(0.02)

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from trocar.tools.bench import children as bench_children
-from trocar.tools.bench.children import WARM_UP, Team, Turns, summary
+from trocar.tools.bench.children import WARM_UP, Team, summary
 from trocar.tools.output.errors import Problem
 
 READY = "print('{}', flush=True)\n"
@@ -30,18 +30,6 @@ def test_percentiles_leave_the_warm_up_out() -> None:
     assert summary([3, 1, 2]) == {"p50": 2, "p99": 3, "n": 3}
     with pytest.raises(Problem, match=r"nothing was measured"):
         summary([])
-
-
-def test_figures_are_medians_of_turns_and_ratios_of_turns_side_by_side() -> None:
-    found, turns = Turns(), [{"p50": p50, "p99": 3 * p50} for p50 in (40_000, 80_000, 20_000)]
-    for turn in turns:
-        found.keep({"whole": turn}, "10 ")
-    found.keep_ratios("ratio", (turns[1], turns[0]), (turns[1], turns[2]))
-    table = {"us_p50": ("10 whole", "p50", 1e3), "us_p99": ("10 whole", "p99", 1e3)}
-    assert found.figures(table) == {"us_p50": 40.0, "us_p99": 120.0}
-    with pytest.raises(KeyError, match="2 whole"):
-        found.figures({"us_2": ("2 whole", "p50", 1e3)})
-    assert found.ratios == {"ratio": [2.0, 4.0]} and found.span("10 whole") == (20.0, 80.0)
 
 
 @pytest.mark.slow
@@ -79,8 +67,3 @@ def test_who_will_not_go_is_killed_with_its_children(tmp_path: Path, monkeypatch
     monkeypatch.setattr(bench_children, "FAREWELL_S", 30.0)
     with contextlib.suppress(psutil.NoSuchProcess):
         assert bench_children._gone(psutil.Process(int(note.read_text())))
-
-
-def test_a_program_that_is_not_there_is_told() -> None:
-    with pytest.raises(Problem, match=r"bench test: .*no-such-program"):
-        Team("test", {"a": ["/no-such-program"]})

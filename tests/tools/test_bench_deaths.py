@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trocar.tools.bench import deaths
 from trocar.tools.bench.deaths import DeathEffect, _stands
 
 FIELDS = [("stamp_ns", "i8"), ("powered", "?", (2,)), ("setpoint_cp", "f8", (7,))]
@@ -30,11 +29,3 @@ def test_a_slave_stands_from_its_last_motion_on() -> None:
     assert not _stands(way).any(), "not for long"
     way = np.append(way, records((220, True, 0.2)))
     assert _stands(way).tolist() == [False, False, True, True, True, True]
-
-
-def test_the_table_has_a_row_for_each(capsys: pytest.CaptureFixture[str]) -> None:
-    figures = {"an_arm_kill_noticed_ms": 31.0, "an_arm_kill_back_s": 0.52, "an_arm_stop_noticed_ms": 30.0,
-               "an_arm_stop_back_s": 1.5, "the_supervisor_stop_ended_s": 1.1}
-    deaths.show({"figures": figures, "effects": {"an arm": "io holds", "the supervisor": "io ends"}})
-    shown = capsys.readouterr().out
-    assert all(word in shown for word in ("an arm", "io holds", "31 ms", "0.5 s", "1.5 s", "the supervisor", "1.1 s"))

@@ -5,27 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.retries import measured
-from trocar.procs.native.library import SWITCH
 from trocar.shm.memory.segment import names_of
 from trocar.tools.bench import io_loop as bench_io
-from trocar.tools.bench.io_loop import Baseline, BaselineRun
+from trocar.tools.bench.io_loop import Baseline
 from trocar.tools.output.errors import Problem
-
-
-class FakeBaseline:
-    """C programs that miss a fiftieth of their deadlines."""
-
-    why_not = ""
-
-    def __init__(self, folder: Path) -> None: ...
-
-    def run(self, hz: float, seconds: float, client_core: int, server_core: int, spin_ns: int = 1) -> BaselineRun:
-        return BaselineRun(0.02, 5.0, 10.0, 95.0 if spin_ns else 75.0)
 
 
 def keeping_up_to(limit_hz: float) -> Callable[[float], tuple[float, float]]:
@@ -44,44 +31,6 @@ def test_the_rate_is_sought_from_3_khz_in_the_direction_it_lies(limit_hz: float,
     assert sorted(missed) == tried
     kept = [hz for hz, (ours, theirs) in missed.items() if ours <= theirs + bench_io.MORE_MISSED]
     assert kept == [hz for hz in missed if hz <= limit_hz]
-
-
-@pytest.mark.slow
-def test_figures_without_a_number_are_of_eight_boards(monkeypatch: pytest.MonkeyPatch) -> None:
-    def measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
-        awake = bench_io.AWAKE[0] in sets
-        usual = (*bench_io.AWAKE, bench_io.ARMS_ON_TWO)
-        assert seconds == 5.0 and not [each for each in sets if "cpu=" not in each and each not in usual]
-        if not awake:
-            return {"read_to_write_us_p50": 50.0 + boards_of(file), "packets_per_cycle": 4.0}
-        slow = (4.0 if os.environ.get(SWITCH) == "0" else 1.0) * boards_of(file) / 8
-        return {"read_to_write_us_p50": 20.0 * slow, "read_to_write_us_p99": 50.0 * slow, bench_io.CPU: 30.0 * slow}
-
-    def part_missed(file: Path, seconds: float, *sets: str) -> float:
-        assert (boards_of(file), seconds) == (8, 10.0)
-        return keeping_up_to(3600)(1.0 / float(sets[0].removeprefix("io.period_s=")))[0]
-
-    def boards_of(file: Path) -> int:
-        return 2 * file.read_text().count("type: PSM")
-
-    monkeypatch.delenv(SWITCH, raising=False)
-    monkeypatch.setattr(bench_io, "_measure", measure)
-    monkeypatch.setattr(bench_io, "_part_missed", part_missed)
-    monkeypatch.setattr(bench_io, "Baseline", FakeBaseline)
-    result = bench_io.run()
-    assert result["figures"] == {
-        "read_to_write_us_p50_2": 52.0, "read_to_write_us_p50_4": 54.0, "read_to_write_us_p50": 58.0,
-        "read_to_write_us_p50_10": 60.0, "packets_per_cycle_2": 4.0, "packets_per_cycle_4": 4.0,
-        "packets_per_cycle": 4.0, "packets_per_cycle_10": 4.0, "ratio_10_vs_2": 5.0, "max_rate_hz": 3500,
-        "native_ratio": 4.0, "cpu_us_without_wait": 30.0, "numpy_cpu_us_without_wait": 120.0,
-        "numpy_read_to_write_us_p50": 80.0, "numpy_read_to_write_us_p99": 200.0,
-        "baseline_cpu_us_without_wait": 75.0, "baseline_read_to_write_us_p50": 5.0,
-        "baseline_read_to_write_us_p99": 10.0,
-        **{f"missed_percent_{name}": pytest.approx(missed)
-           for name, missed in (("1k5", 2.1), ("3k", 2.1), ("4k5", 3.0), ("6k", 3.0))},
-        **{f"baseline_missed_percent_{name}": 2.0 for name in ("1k5", "3k", "4k5", "6k")},
-    }
-    assert list(result["conditions"]["missed_at_hz"]) == ["1500", "3000", "3500", "4000", "4500", "6000"]
 
 
 def test_the_c_programs_exchange_datagrams_and_count_what_they_miss(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from functools import partial
 
 import pytest
 
+from trocar.procs.config import PROJECT_CONFIGS
 from trocar.shm.memory.segment import names_of
 from trocar.tools.bench import start
 from trocar.tools.bench.measuring import by_turns
@@ -25,8 +26,9 @@ def test_each_command_is_tried_by_turns_and_its_median_counts() -> None:
 
 
 @pytest.mark.slow
-def test_verbs_are_measured_on_a_whole_robot_that_is_gone_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_verbs_are_measured_on_a_robot_that_is_gone_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(start, "TRIES", 1)
+    monkeypatch.setattr(start, "FULL", PROJECT_CONFIGS / "systems" / "kinematic.yaml")
     figures = start.run()["figures"]
     assert all(figure > 0.0 for figure in figures.values())
     assert max(figures["python_cpu_s"], figures["numpy_cpu_s"]) < figures["status_cpu_s"]

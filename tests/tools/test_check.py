@@ -116,9 +116,9 @@ def test_a_pipe_a_huge_file_and_a_huge_gain_are_refused_at_once(tmp_path: Path) 
     assert f"{huge}: error: too large: 9900011 bytes" in done.stdout
 
 
-@pytest.mark.parametrize("verb", [("check",), ("up", "--boards", "emulated", "--system", "nothing-starts")])
-@pytest.mark.parametrize(("key", "name"), [("IO_file", "io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json"),
-                                           ("kinematic", "kinematic/stock.json")])
+@pytest.mark.parametrize(("key", "name", "verb"), [
+    ("IO_file", "io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json", ("check",)),
+    ("kinematic", "kinematic/stock.json", ("up", "--boards", "emulated", "--system", "nothing-starts"))])
 @pytest.mark.slow
 def test_what_lies_in_the_share_of_the_dvrk_is_told_with_path_and_the_folders_looked_in(
     tmp_path: Path, verb: tuple[str, ...], key: str, name: str

@@ -42,11 +42,7 @@ def killed(words: list[str], folder: Path, at_work: Callable[[int], bool]) -> in
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("words", "system"), [
-    (["bench", "io"], "bench-io-{}"), (["bench", "system", "--seconds", "20"], "bench-system-{}"),
-    (["bench", "lifecycle"], "bench-lifecycle-{}"), (["bench", "deaths"], "bench-deaths-{}"),
-    (["bench", "recorder", "--seconds", "20"], "bench-recorder-{}"),
-    (["demo", "--system", "killed-demo"], "killed-demo"),
-])
+    (["bench", "lifecycle"], "bench-lifecycle-{}"), (["bench", "deaths"], "bench-deaths-{}")])
 def test_a_killed_verb_leaves_nothing_of_its_system(words: list[str], system: str, tmp_path: Path) -> None:
     folder = tmp_path / "temporary"
     folder.mkdir()
@@ -70,7 +66,7 @@ def test_a_verb_killed_with_its_supervisor_leaves_nothing(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "prefix"), [("ring", "bench{}-"), ("boards", "bench{}-"), ("arm", "bench-arm-{}")])
+@pytest.mark.parametrize(("name", "prefix"), [("ring", "bench{}-"), ("arm", "bench-arm-{}")])
 def test_a_killed_measurement_leaves_no_shared_memory(name: str, prefix: str, tmp_path: Path) -> None:
     folder = tmp_path / "temporary"
     folder.mkdir()

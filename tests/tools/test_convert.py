@@ -56,12 +56,6 @@ def test_every_kind_passes_the_check(tmp_path: Path) -> None:
                      "console-X.json": "system"}
 
 
-def test_every_change_is_one_line(tmp_path: Path) -> None:
-    old = written(tmp_path, config(robot(actuator(0, unit="deg"), 1)))
-    lines = run(old).stdout.splitlines()
-    assert f"{old}:6: converted: Robot/Actuator/Encoder/PositionLimitsSoft@Upper = 45 deg → 0.785398163 rad" in lines
-
-
 def test_json_output_is_one_object_a_file(tmp_path: Path) -> None:
     old = written(tmp_path, config(three()))
     (file,) = rows(old)
@@ -117,13 +111,6 @@ def test_what_the_check_finds_exits_one(tmp_path: Path) -> None:
     done = run(written(tmp_path, text))
     assert done.exit_code == 1
     assert "is not calibrated" in done.stdout and "io file, 1 error left" in done.stdout
-
-
-def test_a_missing_file_is_told_and_the_others_are_converted(tmp_path: Path) -> None:
-    done = run(tmp_path / "nowhere.xml", written(tmp_path, config(three())))
-    assert done.exit_code == 1
-    assert "cannot be read: No such file" in done.stdout
-    assert (tmp_path / f"{NAME}.json").exists()
 
 
 def test_the_check_looks_where_path_says(tmp_path: Path) -> None:
@@ -233,16 +220,6 @@ def test_a_folder_is_converted_whole_and_keeps_its_folders(tmp_path: Path) -> No
     system = json.loads((to / "system-A.json").read_text())
     assert (to / system["arms"][0]["IO_file"]).samefile(to / "io" / "sawRobotIO1394-PSM1-11111.json")
     assert not any(row["written"] for row in rows(site, "--to", to)), "what lies in the new folder is not old"
-
-
-def test_files_that_need_no_change_are_reported_as_such(tmp_path: Path) -> None:
-    site, unchanged = tmp_path / "site", "no file has an old format: none needs a change\n"
-    site.mkdir()
-    written(site, '{"a": 1}', "notes.json")
-    assert run(site).stdout == unchanged
-    assert run(site, "--to", tmp_path / "new").stdout.startswith(unchanged)
-    written(site, config(three()), "sawRobotIO1394-PSM1-11111.xml")
-    assert unchanged not in run(site).stdout
 
 
 def test_files_of_setup_joints_get_todays_names_and_consoles_find_them(tmp_path: Path) -> None:

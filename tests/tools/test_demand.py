@@ -14,9 +14,9 @@ from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tests.tools.test_verbs import lines, run
 from trocar.procs.crtk import demand
-from trocar.procs.crtk.demand import OnDemand, Wanted
+from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.topics import find
-from trocar.procs.crtk.views import open_topic
+from trocar.procs.crtk.views import OpenTopic
 from trocar.procs.ros_bridge.publishing import RecordTopics
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
@@ -86,8 +86,9 @@ def test_echo_shows_null_where_nobody_computes_it(arm: Playing, monkeypatch: pyt
 
 
 def test_echo_of_other_things_wants_the_topic_alone(arm: Playing) -> None:
-    with open_topic(arm.scripted.name, "PSM1/measured_js") as source, OnDemand(arm.scripted.name, "PSM1") as desired:
-        desired.want(source)
+    name = arm.scripted.name
+    with OpenTopic(name, find(name, "PSM1/measured_js")) as source, Wanted(name) as desired:
+        desired.want(source.entry)
         arm.subscriptions.look()
         assert arm.subscriptions.wanted == arm.subscriptions.bits("state")
 
@@ -115,7 +116,7 @@ def test_a_program_is_told_what_was_not_computed(arm: Playing, monkeypatch: pyte
 
 
 def test_echo_says_when_there_is_no_place_for_it(arm: Playing, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
+    def full(*_: object, **__: object) -> None:
         raise SegmentError("all places are taken")
 
     monkeypatch.setattr(Subscriber, "__init__", full)

@@ -81,3 +81,20 @@ def test_a_demo_whose_system_is_now_another_one_of_its_name_reports_and_powers_o
         assert next_one.pages["supervisor"].state == "RUNNING"
         result = CliRunner().invoke(cli.build("demo"), ["demo", "--json", "--system", world.name])
     assert result.exit_code == 1 and json.loads(result.stdout)["problems"] == [demo.STOPPED] and not asked
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_demo_without_the_console_package_has_no_console(is_there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    requests: list[Any] = []
+    monkeypatch.setattr(demo, "up_meanwhile", lambda request, _: (
+        requests.append(request), contextlib.nullcontext(StoppedSupervisor()))[1])
+    for name in ("web_addresses", "_bring_up"):
+        monkeypatch.setattr(demo, name, lambda *_: [])
+    monkeypatch.setattr(demo, "_operate", lambda *_: {"problems": []})
+    monkeypatch.setattr(demo, "missing", lambda _: "" if is_there else "the web console needs nicegui")
+    result = CliRunner().invoke(cli.build("demo"), ["demo", "--json"])
+    assert any(value.startswith("gui") for value in requests[0].sets) == is_there
+    assert ("the web console needs nicegui" in result.stderr) != is_there
+    if not is_there:
+        result = CliRunner().invoke(cli.build("demo"), ["demo", "--listen", "0.0.0.0:8080"])
+        assert result.exit_code == 1 and len(requests) == 1

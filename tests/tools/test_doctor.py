@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 from pathlib import Path
@@ -13,6 +14,8 @@ from typer.testing import CliRunner
 from tests.conftest import World
 from tests.tools.robot import robot
 from trocar.procs.machine.port_holders import SocketHolder
+from trocar.procs.native.library import NativeLibrary
+from trocar.procs.node.realtime import CONTAINER, LIMITS_FILE, limits_lines, user
 from trocar.shm.memory.segment import names_of, path_of, segment_name
 from trocar.tools import cli
 from trocar.tools.inspect import machine
@@ -33,8 +36,9 @@ def test_the_kernel_is_told_real_time_or_not(tmp_path: Path) -> None:
 
 
 def test_a_machine_on_which_nothing_is_compiled_is_noted_with_what_helps() -> None:
-    assert machine.compiled("").state == OK
-    found = machine.compiled("it is not compiled")
+    used = NativeLibrary(ctypes.PyDLL(None), file=Path("/env/native.so"))
+    assert machine.compiled(used).state == OK and "/env/native.so" in machine.compiled(used).found
+    found = machine.compiled(NativeLibrary(None, "it is not compiled"))
     assert found.state == NOTE and "numpy" in found.found and "trocar.procs.native.build" in found.mend
 
 
@@ -42,15 +46,24 @@ def test_a_machine_on_which_nothing_is_compiled_is_noted_with_what_helps() -> No
     ("FIFO 90, locked", OK, "FIFO 90"), ("no FIFO, locked", BAD, "no real-time priority for"),
     ("no FIFO, not locked", BAD, "no real-time priority and memory cannot be locked for"),
 ])
-def test_rights_that_are_lacking_come_with_the_file_that_grants_them(words: str, state: str, reported: str) -> None:
-    found = machine.rights(words)
+def test_rights_that_are_lacking_come_with_the_file_that_grants_them(
+        words: str, state: str, reported: str, tmp_path: Path) -> None:
+    found = machine.rights(words, tmp_path)
     assert found.state == state and reported in found.found
     assert ("tee -a /etc/security/limits.d/trocar.conf" in found.mend and "rtprio 98" in found.mend) == (state == BAD)
 
 
-@pytest.mark.parametrize(("count", "state"), [(1, BAD), (2, NOTE), (4, OK)])
-def test_cores_are_counted(count: int, state: str) -> None:
-    assert machine.cores(count).state == state
+@pytest.mark.parametrize(("count", "state"), [(1, BAD), (2, NOTE), (machine.GOOD_CORES, OK)])
+def test_few_cores_come_with_longer_periods(count: int, state: str) -> None:
+    found = machine.cores(count)
+    assert found.state == state and str(count) in found.found
+    assert ("io.period_s" in found.mend) == (state != OK)
+
+
+def test_memory_that_a_logout_removes_is_noted_with_the_remedy() -> None:
+    assert machine.logout("", "").state == OK
+    found = machine.logout("logind removes it", "enable-linger")
+    assert found.state == NOTE and (found.found, found.mend) == ("logind removes it", "enable-linger")
 
 
 def test_a_governor_that_lets_cores_sleep_is_noted(tmp_path: Path) -> None:
@@ -101,18 +114,25 @@ def test_an_interface_among_the_boards_is_looked_for(tmp_path: Path) -> None:
     assert machine.network({"eth0": at("169.254.0.1")}, tmp_path).state == OK
 
 
+def test_rights_that_wait_for_a_login_or_belong_to_a_container_are_told_so(tmp_path: Path) -> None:
+    file(tmp_path, LIMITS_FILE[1:], "\n".join(limits_lines(user())))
+    assert machine.rights("no FIFO, locked", tmp_path).mend.startswith("log in again")
+    file(tmp_path, ".dockerenv", "")
+    assert machine.rights("no FIFO, locked", tmp_path).mend == f"docker run {CONTAINER}"
+
+
 def test_a_firewire_card_is_looked_for(tmp_path: Path) -> None:
-    (found,) = machine.firewire(tmp_path)
+    found = machine.firewire(tmp_path)
     assert found.state == NOTE and "no card" in found.found and "firewire-ohci" in found.mend
     file(tmp_path, "dev/fw0", "")
-    assert [found.state for found in machine.firewire(tmp_path)] == [OK]
+    assert machine.firewire(tmp_path).state == OK
 
 
 def test_too_few_open_files_are_named_with_the_command_that_allows_more() -> None:
     assert machine.open_files(1024, 4096).state == OK
     assert machine.open_files(64, 4096).state == OK  # a supervisor raises it for itself
     found = machine.open_files(64, 256)
-    assert found.state == BAD and "256 files at most" in found.found and "--nofile=512:512" in found.mend
+    assert found.state == BAD and "256 files at most" in found.found and "--nofile=1024:1024" in found.mend
 
 
 def test_busy_programs_are_named_and_our_own_never_slowed() -> None:

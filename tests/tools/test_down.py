@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from tests.system.robot import DEMO, Robot, wait_for
 from tests.system.test_memory import as_root, as_user
-from trocar.shm.memory.segment import FOLDER, names_of, path_of, segment_name, unlink
+from trocar.shm.memory.parts import remove_all
+from trocar.shm.memory.segment import FOLDER, names_of, path_of, segment_name
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools import cli
@@ -37,8 +38,7 @@ def up(place: Path, *options: str) -> Iterator[Robot]:
             os.kill(process.pid, signal.SIGKILL)
         assert robot.supervisor is not None
         robot.supervisor.wait(10)
-        for parts in names_of(robot.name):
-            unlink(segment_name(*parts))
+        remove_all(robot.name)
 
 
 def is_down(robot: Robot) -> bool:
@@ -75,7 +75,7 @@ def test_another_user_is_told_whose_the_system_is(tmp_path: Path) -> None:
         assert robot.state("PSM1") == "RUNNING"
         os.truncate(path_of(segment_name(robot.name, "supervisor", "control")), 0)  # it dies, others as well
         reported = robot.trocar("down", "--system", robot.name)
-        assert f"system {robot.name} is down" in reported or "segments that" in reported
+        assert f"system {robot.name} is down" in reported or "segments left by" in reported
         assert is_down(robot), names_of(robot.name)
 
 
@@ -108,6 +108,6 @@ def test_processes_of_a_dead_supervisor_are_ended_before_their_memory_goes(tmp_p
         robot.kill("supervisor")
         assert robot.supervisor is not None
         robot.supervisor.wait(10)
-        assert "segments that" in robot.trocar("down", "--system", robot.name)
+        assert "segments left by" in robot.trocar("down", "--system", robot.name)
         assert is_down(robot)
         assert robot.name not in directory.systems()

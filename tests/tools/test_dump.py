@@ -61,7 +61,7 @@ def test_what_a_system_held_that_was_killed_at_once_is_saved_whole(tmp_path: Pat
             assert len(recording.records("PSM1/state").rows) == expected["PSM1/state"]
 
         robot.kill("supervisor")
-        assert "segments that" in robot.trocar("down", "--system", robot.name)
+        assert "segments left by" in robot.trocar("down", "--system", robot.name)
         assert len(list(folder.glob("died-*.mcap"))) == 2, "the one before is there, too"
         assert list(folder.glob("dump-*.mcap")) == [Path(by_time)]
         assert is_down(robot), names_of(robot.name)

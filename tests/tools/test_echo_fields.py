@@ -77,9 +77,9 @@ def test_what_is_not_valid_is_empty(played: ScriptedRobot) -> None:
 
 
 @pytest.mark.parametrize(("words", "why"), [
-    (("PSM1/measured_js.positon",), "did you mean position"), (("PSM1/measured_js.position[",), "is no field"),
+    (("PSM1/measured_js.positin",), "did you mean position"), (("PSM1/measured_js.position[",), "is no field"),
     (("PSM1/measured_js.position[9]",), "has 6 numbers"), (("PSM1/error.value",), "use PSM1/events.value"),
-    (("PSM1/state", "--csv", "-", "--json"), "say different things"),
+    (("PSM1/state", "--csv", "-", "--json"), "cannot combine"),
 ])
 def test_what_is_no_field_is_used_wrongly(played: ScriptedRobot, words: tuple[str, ...], why: str) -> None:
     shown = run(played, "echo", *words, "--once")

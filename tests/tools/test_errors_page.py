@@ -20,13 +20,13 @@ ROOT = errors_page.PAGE.parent.parent
 NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
 # Who tells what is not named in the folder of a kind.
 ELSEWHERE = {"fault_report.py": "arm, suj", "io_faults.py": "arm, suj", "filters.py": "filters", "node": "any",
-             "client": "third_party"}
+             "client": "third_party", "from_ros": "third_party"}
 
 
 def used() -> dict[str, set[str]]:
     """Names of rows in the code, and the kinds whose code names them."""
     found: dict[str, set[str]] = {}
-    for path in (*ROOT.glob("procs/**/*.py"), *ROOT.glob("tools/client/*.py")):
+    for path in (*ROOT.glob("procs/**/*.py"), *ROOT.glob("tools/client/*.py"), *ROOT.glob("tools/from_ros/*.py")):
         if path.name == "codes.py":
             continue
         room = path.relative_to(ROOT).parts[1]

@@ -217,5 +217,5 @@ def test_the_first_gamepad_is_taken() -> None:
 
 def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "evdev", None)
-    with pytest.raises(Problem, match="pip install evdev"):
+    with pytest.raises(Problem, match=r"pip install 'trocar\[gamepad\]'"):
         gamepad_master.evdev()

@@ -1,6 +1,6 @@
 """The demo's hand at a whole system in this process: it lets go by a fault, and works again when it is asked to.
 
-Each row breaks what docs/operating.md says that may break while the slave follows, and hands mend it. Then what
+Each row breaks what docs/emulated-boards.md says that may break while the slave follows, and hands mend it. Then what
 `trocar status` names is typed, until all is well, and an operator enables teleoperation again.
 """
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import pytest
 from typer.testing import CliRunner, Result
 
-from tests.host.hosted import document
+from tests.host.hosted import COARSE, document
 from tests.system.test_demo_faults import named
 from trocar.procs.host.host import Host
 from trocar.procs.machine.paths import ROOT
@@ -27,9 +27,9 @@ from trocar.tools.inspect.processes import statuses
 from trocar.tools.inspect.standing import in_a_line, standings
 
 APP = cli.build()
-BEAT_S, LONG_S = 0.01, 60.0
+BEAT_S, LONG_S, WHILE_S = 0.02, 60.0, 0.4
 REMEDIES = 3
-HEADINGS = ("faults of a robot", "faults of boards and buses", "faults on the way")
+HEADINGS = ("faults of a robot", "faults of boards and buses", "faults of datagrams")
 
 
 @dataclass(frozen=True)
@@ -47,26 +47,25 @@ def switched(order: str) -> BrokenRun:
 
 
 FAULTS = (
-    switched("emergency_stop"), switched("power_loss MTMR"), switched("amp_fault MTMR 2"), switched("amp_fault PSM1 3"),
-    BrokenRun(("encoder_jump MTMR 3 -40000",)), BrokenRun(("encoder_jump PSM1 3 -40000",)),
-    BrokenRun(("current_error MTMR 3 0.6",), ("current_error MTMR 3 0",)),
-    BrokenRun(("pot_drift MTMR 2 0.5",), ("pot_drift MTMR 2 0 0",)), switched("pot_dead PSM1 1"),
-    BrokenRun(("encoder_scale PSM1 1 1.25",), ("encoder_scale PSM1 1 1",), ends=False),
+    switched("emergency_stop"), switched("power_loss PSM1"), switched("amp_fault MTMR 2"), switched("amp_fault PSM1 3"),
+    BrokenRun(("encoder_jump PSM1 3 -40000",)), switched("pot_dead PSM1 1"),
+    BrokenRun(("current_error PSM1 3 0.6",), ("current_error PSM1 3 0",)),
+    BrokenRun(("pot_drift PSM1 1 0.5",), ("pot_drift PSM1 1 0 0",)),
     BrokenRun(("swap_motors PSM1 3 4",), ("swap_motors PSM1 3 4",)),
-    BrokenRun(("jam PSM1 0 1",), ("jam PSM1 0 0",), ends=False),
     BrokenRun(("unplug_board 7 IO1",), ("plug_board 7 IO1",)),
-    BrokenRun(("unplug_board 3 IO1",), ("plug_board 3 IO1",)),
     BrokenRun(("temperature 7 66.5 31 IO1",), ("temperature 7 31 31 IO1",)),
-    BrokenRun(("bus_reset IO1", "drop_block 7 5 IO1", "spoil_sequence 7 5 IO1"), ends=False),
-    BrokenRun(("delay_replies 3 0.01 IO1", "duplicate_replies 3 IO1", "drop_replies 3 IO1", "corrupt_tl 3 IO1",
-            "reply_rate lost 0.02", "packet_loss 0.001 IO1"), ("clear_packet_faults",), ends=False),
+    BrokenRun(("encoder_scale PSM1 1 1.25", "jam PSM1 0 1"), ("encoder_scale PSM1 1 1", "jam PSM1 0 0"), ends=False),
+    BrokenRun(("bus_reset IO1", "drop_block 7 5 IO1", "spoil_sequence 7 5 IO1", "delay_replies 3 0.01 IO1",
+            "duplicate_replies 3 IO1", "drop_replies 3 IO1", "corrupt_tl 3 IO1", "reply_rate lost 0.02",
+            "packet_loss 0.001 IO1"), ("clear_packet_faults",), ends=False),
     BrokenRun(("lose_replies 100",), ("clear_packet_faults",)),
     switched("press PSM1_arm_clutch"), switched("press clutch"),
 )
+"""MTMR takes five times as long to home as PSM1: what may break in either arm does so in the slave, all but one."""
 
 
 def test_every_fault_that_can_be_ordered_is_tried() -> None:
-    text, listed = (ROOT / "docs" / "operating.md").read_text(encoding="utf-8"), set[str]()
+    text, listed = (ROOT / "docs" / "emulated-boards.md").read_text(encoding="utf-8"), set[str]()
     for heading in HEADINGS:
         table = text.partition(f"| {heading} |")[2].partition("\n\n")[0]
         listed |= set(re.findall(r"^\| `trocar send boards (\w+)", table, re.MULTILINE))
@@ -85,7 +84,7 @@ class HostedDemo:
         self._beats = 0
 
     def beat(self) -> None:
-        """What `trocar demo` does a hundred times a second."""
+        """What `trocar demo` does, half as often."""
         self.host.run(BEAT_S)
         self._beats += 1
         if self.hand.holds():
@@ -156,7 +155,7 @@ class HostedDemo:
 @pytest.fixture(scope="module")
 def demo() -> Iterator[HostedDemo]:
     """One for all rows, each of which leaves it following."""
-    with Host(document("demo-teleop.yaml", "emulated"), history=32) as host:
+    with Host(document("demo-teleop.yaml", "emulated", COARSE), history=32) as host:
         host.run(0.1)
         made = HostedDemo(host)
         made.recover()
@@ -169,26 +168,26 @@ def demo() -> Iterator[HostedDemo]:
 @pytest.mark.simulated
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: ", ".join(fault.breaks)[:40])
 def test_what_breaks_while_the_demo_follows_is_recovered_by_an_operator(demo: HostedDemo, fault: BrokenRun) -> None:
-    demo.passes(1.0)
+    demo.passes(WHILE_S)
     assert demo.teleop.is_following, demo.teleop.reported
     for order in fault.breaks:
         demo.order(order)
     if fault.ends:
         demo.until(lambda: not demo.teleop.is_following, "following ends")
-    demo.passes(1.0)
+    demo.passes(WHILE_S)
     for order in fault.mends:
         demo.order(order)
-    demo.passes(1.0)
+    demo.passes(WHILE_S)
     demo.recover()
 
 
 @pytest.mark.slow
 @pytest.mark.simulated
 def test_after_a_restart_of_the_slave_the_hand_pinches_once_an_operator_shows_presence_again(demo: HostedDemo) -> None:
-    demo.passes(1.0)
+    demo.passes(WHILE_S)
     demo.host.restart("PSM1", killed=True)
     demo.until(lambda: not demo.teleop.is_following, "following ends")
-    demo.passes(5.0)
+    demo.passes(2.0)
     assert not demo.teleop.is_following, "it was not enabled"
     demo.order("press coag 0")
     demo.order("press coag 1")

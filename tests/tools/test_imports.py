@@ -1,4 +1,4 @@
-"""What verbs load before they do anything: a person waits for it each time, and numpy alone takes 0.1 s."""
+"""What verbs and scripts load before they do anything: a person waits for it each time; numpy alone takes 0.1 s."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from trocar.tools import cli
 
 READERS = ("trocar.procs.config", "trocar.procs.kinematics", "trocar.tools.converters")
 """They load the models of all files: half a second."""
-LIBRARIES = ("mujoco", "pinocchio", "ruckig", "yaml", "psutil", "OpenGL", "glfw")
+LIBRARIES = ("mujoco", "pinocchio", "yaml", "psutil", "OpenGL", "glfw")
 LOOKING = ("status", "logs", "list", "hz", "down")
 """They do without the document of a system, too."""
 UNUSED_BY_TYPER = {"pydantic"} - {need.partition(">")[0] for need in requires("typer") or ()}
-HEAVY = {"commission", "kinematics", "check", "convert", "doctor", "bench"}
+HEAVY = {"commission", "new-arm", "kinematics", "check", "convert", "doctor", "bench"}
 """Verbs about files or the machine: what they load is their work."""
 
 
@@ -43,6 +43,16 @@ def test_verbs_load_no_readers_of_files() -> None:
 
 def test_verbs_that_look_load_no_document() -> None:
     assert not loaded_with(*LOOKING) & {"trocar.procs.document.system", "rich.console", "pydantic"}
+
+
+def test_a_script_loads_no_document_and_no_code_of_processes(world: Any) -> None:
+    with robot(world.name) as made:
+        made.show_arm(age_s=-60.0)
+        found = loaded_by("import trocar\nwith trocar.psm('PSM1', sys.argv[1]) as psm: psm.operating_state()",
+                          world.name)
+    assert "trocar.tools.client.shared" in found
+    assert not found & {"trocar.procs.config", "trocar.procs.document.system", "trocar.procs.node.life", "ssl",
+                        "trocar.tools.client.provider", "trocar.tools.inspect.processes", *LIBRARIES}
 
 
 def test_status_loads_nothing_more_at_work(world: Any) -> None:

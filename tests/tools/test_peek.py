@@ -79,7 +79,7 @@ def check_one(name: str, topic: Topic, seed: int, peek: Peek) -> None:
 def test_every_dtype_comes_out_as_it_was_written(system: str, peek: Peek) -> None:
     fields = [Field(f"f{i}", dtype, "", 'of "each" {"name":"x","dtype":"y"}') for i, dtype in enumerate(SCALARS)]
     fields += [Field(f"a{i}", f"(3,){dtype}", "", "größer") for i, dtype in enumerate(SCALARS)]
-    topic = Topic("all", "io", 0, 0, tuple(fields), depth=4)
+    topic = Topic("all", "io", tuple(fields), depth=4)
     create_ring(system, "io", topic, {}, {})
     check_one(segment_name(system, "io", "all"), topic, 1, peek)
 
@@ -91,7 +91,7 @@ def test_any_order_of_fields_and_any_shape_is_laid_out_alike(system: str, peek: 
         for i in range(dice.randint(1, 12)):
             shape = "".join(f"{dice.choice((0, 1, 2, 3, 5))}," for _ in range(dice.choice((0, 0, 1, 1, 2, 3))))
             fields.append(Field(f"x{i}", (f"({shape})" if shape else "") + dice.choice(SCALARS), "", ""))
-        topic = Topic(f"case{case}", "io", 0, 0, tuple(fields), depth=dice.randint(2, 5))
+        topic = Topic(f"case{case}", "io", tuple(fields), depth=dice.randint(2, 5))
         create_ring(system, "io", topic, {}, {})
         check_one(segment_name(system, "io", topic.name), topic, case, peek)
 
@@ -132,7 +132,7 @@ def test_it_is_as_short_as_promised() -> None:
 
 
 def test_a_ring_of_one_slot_has_nothing_whole(system: str, peek: Peek) -> None:
-    topic = Topic("one", "io", 0, 0, NUMBER.fields, depth=1)
+    topic = Topic("one", "io", NUMBER.fields, depth=1)
     create_ring(system, "io", topic, {}, {})
     with Segment(segment_name(system, "io", "one"), write=True) as segment:
         RingWriter(segment, "io").publish(1)
@@ -172,8 +172,8 @@ def test_a_writer_that_comes_round_behind_the_copy_is_noticed(
 
 PAIR = (Field("first", "<u8", "", ""), Field("filler", "(8192,)<u8", "", ""), Field("last", "<u8", "", ""))
 STRESS = {  # so much is kept that little can be lost; so little, and so long to copy, that most is
-    "small": Topic("small", "io", 0, 0, (PAIR[0], PAIR[2]), depth=1 << 16),
-    "large": Topic("large", "io", 0, 0, PAIR, depth=2),
+    "small": Topic("small", "io", (PAIR[0], PAIR[2]), depth=1 << 16),
+    "large": Topic("large", "io", PAIR, depth=2),
 }
 TOTAL, KEPT = 100_000, (1 << 16) - 1
 RESTS = {"small": 0, "large": 40}  # while the writer is at it, all that is large may be lost

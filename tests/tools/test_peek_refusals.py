@@ -34,7 +34,7 @@ HEADERS = [
     ({"first": 4095}, "texts"), ({"first": 8192}, "texts"), ({"schema": 2**32 - 1}, "texts"),
     ({"info": 2**32 - 1}, "texts"), ({"schema": 4000}, "texts"), ({"size": 4096}, "not as long"),
     ({"size": 2**64 - 1}, "not as long"),
-    ({"kind": b"mailbox"}, "not a ring"), ({"kind": b"ring\0x"}, "not a ring"), ({"kind": b"rin"}, "not a ring"),
+    ({"kind": b"mailbox"}, "not a ring"), ({"kind": b"ring\0x"}, "not a ring"), ({"kind": b"rng"}, "not a ring"),
     ({"schema": 100}, "not whole"), ({"schema": 0}, "not whole"),
 ]
 

@@ -20,8 +20,7 @@ from typer.testing import CliRunner, Result
 from tests.examples import examples
 from tests.tools.robot import robot
 from trocar.procs.config import check_file
-from trocar.procs.config.loading import convert
-from trocar.procs.config.models.pid_file import PidFile
+from trocar.procs.config.models.io_file import PidFile
 from trocar.procs.config.read.source import read_source
 from trocar.procs.config.read.validate import validate
 from trocar.procs.document.gains import GAINS, changed, value_of
@@ -44,7 +43,7 @@ def rows_of(file: Path) -> tuple[PidAxis, ...]:
     assert source is not None, problems
     content, problems = validate(PidFile, source)
     assert content is not None, problems
-    return convert.pid(content, "R", "R", "").axes
+    return content.pid
 
 
 def in_use(file: Path, rows: tuple[PidAxis, ...] | None = None) -> Present:

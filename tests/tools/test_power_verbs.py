@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from collections.abc import Callable
 
 import pytest
 
@@ -11,8 +12,11 @@ from tests.tools.robot import ScriptedRobot
 from tests.tools.test_verbs import kinematic as kinematic  # a fixture
 from tests.tools.test_verbs import lines, run
 from trocar.procs.tables import codes
+from trocar.procs.tables.bring_up import DISABLED
+from trocar.shm.mailbox.received import Received
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client import bring_up, remote
+from trocar.tools.inspect.watch import Amplifiers, Watch
 from trocar.tools.systems.processes import ParentProcess
 
 
@@ -29,6 +33,22 @@ def play_arm(kinematic: ScriptedRobot, script: dict[str, tuple[str, bool]], comm
                 if state == "FAULT":
                     kinematic.events.report(codes.POWER_FAULT, "the supply is off")
                 kinematic.show_arm(state=state, homed=homed)
+            pause(0.001)
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    return thread
+
+
+def answer(kinematic: ScriptedRobot, say: Callable[[Received], object]) -> threading.Thread:
+    """An arm that answers one command and shows what it showed before."""
+
+    def loop() -> None:
+        end, heard = monotonic_ns() + 10 * 10**9, 0
+        while not heard and monotonic_ns() < end:
+            for command in kinematic.mailbox.drain():
+                heard += 1
+                say(command)
             pause(0.001)
 
     thread = threading.Thread(target=loop)
@@ -75,10 +95,69 @@ def test_power_is_off_when_io_sees_it(
     kinematic.io.field("amp_on")[6] = amp_on
     if io_age_s is not None:
         kinematic.io.publish(monotonic_ns() - round(io_age_s * 1e9))
+    asked: list[str] = []
+    thread = answer(kinematic, lambda command: (asked.append(command.text), command.done()))
     result = run("power-off", "--timeout", "0.05", "--json", "--system", kinematic.name)
-    assert result.exit_code == (1 if problem else 0)
+    thread.join()
+    assert result.exit_code == (1 if problem else 0) and asked == ["disable"]
     reported = json.loads(result.stdout)["problem"]
     assert reported is None if problem is None else problem in reported
+
+
+def test_an_arm_that_does_not_confirm_is_not_taken_for_off(kinematic: ScriptedRobot,
+                                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bring_up, "ANSWER_S", 0.1)
+    kinematic.show_arm(state="DISABLED")
+    kinematic.io.publish(monotonic_ns())
+    result = run("power-off", "--json", "--system", kinematic.name)
+    assert json.loads(result.stdout)["problem"].startswith("did not answer state_command within 0.1 s")
+
+
+@pytest.mark.parametrize("say", [Received.accept, lambda command: command.fail("io does not answer"),
+                                 lambda command: command.refuse("no authority")])
+def test_power_off_is_not_done_when_the_arm_did_not_do_it(kinematic: ScriptedRobot,
+                                                          say: Callable[[Received], object]) -> None:
+    kinematic.show_arm(state="DISABLED")
+    kinematic.io.publish(monotonic_ns())
+    thread = answer(kinematic, say)
+    result = run("power-off", "--timeout", "0.1", "--json", "--system", kinematic.name)
+    thread.join()
+    assert result.exit_code == 1 and not json.loads(result.stdout)["done"]
+
+
+@pytest.mark.parametrize("state", ["CREATED", "STARTING"])
+def test_an_arm_that_starts_gets_its_word_later_and_keeps_no_other_waiting(
+        kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch, state: str) -> None:
+    kinematic.show_arm(state="ENABLED")
+    monkeypatch.setattr(remote, "pause", pytest.fail)
+    with Watch(kinematic.name, "PSM1") as watch, remote.Remote(kinematic.name, "PSM1") as to, \
+            Amplifiers(kinematic.name, "PSM1") as amplifiers:
+        one = bring_up.ArmBringUp(watch, to, amplifiers, DISABLED, 0.0, simulated=False)
+        kinematic.pages["PSM1"].show(state)
+        one.step()
+        assert not [*kinematic.mailbox.drain(0)] and not one.over
+        kinematic.pages["PSM1"].show("RUNNING")
+        one.step()
+        assert [command.text for command in kinematic.mailbox.drain(0)] == ["disable"]
+
+
+def test_an_arm_that_does_not_answer_keeps_no_other_waiting(kinematic: ScriptedRobot,
+                                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    kinematic.show_arm(state="ENABLED")
+    monkeypatch.setattr(remote, "pause", pytest.fail)
+    with Watch(kinematic.name, "PSM1") as watch, remote.Remote(kinematic.name, "PSM1") as to, \
+            Amplifiers(kinematic.name, "PSM1") as amplifiers:
+        one = bring_up.ArmBringUp(watch, to, amplifiers, DISABLED, 0.0, simulated=False)
+        one.step()
+        assert [command.text for command in kinematic.mailbox.drain(0)] == ["disable"] and not one.over
+
+
+def test_a_command_that_another_one_cancelled_is_told_at_once(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    thread = answer(kinematic, lambda command: (command.accept(), command.fail("disable was requested")))
+    result = run("home", "--json", "--system", kinematic.name)
+    thread.join()
+    assert json.loads(result.stdout)["problem"] == "home failed: disable was requested"
 
 
 def test_a_homed_arm_that_hangs_is_not_taken_for_homed(kinematic: ScriptedRobot) -> None:
@@ -109,8 +188,8 @@ def test_while_a_commissioning_runs_a_system_others_do_not_power_it(
     if counts:
         for verb in ("home", "power-on"):
             refused = run(verb, "--system", kinematic.name)
-            assert refused.exit_code == 1 and "trocar commission (pid 4711) drives" in refused.output
-    assert "trocar commission" not in run("power-off", "--timeout", "0.1", "--system", kinematic.name).output
+            assert refused.exit_code == 1 and "pid 4711" in refused.output
+        assert "trocar commission" not in run("power-off", "--timeout", "0.1", "--system", kinematic.name).output
 
 
 @pytest.mark.parametrize(("words", "stop"), [

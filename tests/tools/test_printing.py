@@ -38,6 +38,13 @@ def test_progress_is_a_line_now_and_then_where_there_is_no_terminal(
     assert capsys.readouterr() == ("", "replay: 10.0 s of 25.0 s\nreplay: 20.0 s of 25.0 s\n")
 
 
+@pytest.mark.parametrize(("seconds", "text"), [
+    (None, "–"), (-1.0, "0.0 s"), (0.34, "0.3 s"), (9.96, "10 s"), (99.0, "99 s"), (240.0, "4 min"), (10800.0, "3 h"),
+    (172800.0, "2 days")])
+def test_a_duration_has_the_unit_of_its_size(seconds: float | None, text: str) -> None:
+    assert printing.span(seconds) == text
+
+
 def test_who_waits_notices_that_nobody_reads_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
     reading, writing = os.pipe()
     with os.fdopen(writing, "w") as output, monkeypatch.context() as patched:

@@ -11,7 +11,7 @@ import typer
 
 from trocar.procs.config import PROJECT_CONFIGS
 from trocar.tools.cli import guarded
-from trocar.tools.client import here
+from trocar.tools.client import provider
 from trocar.tools.examples.recorded_master import place_in, recorded_master
 from trocar.tools.examples.recordings import read_recording
 from trocar.tools.output.errors import Problem
@@ -71,8 +71,8 @@ def test_mistakes_are_told_with_their_line(tmp_path: Path, lines: tuple[str, ...
 def test_the_player_finds_a_stock_file_from_any_folder_and_says_that_there_is_no_system(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
-    connected = here.connected
-    monkeypatch.setattr(here, "connected", lambda attach, timeout, what: connected(attach, 0.0, what))
+    connected = provider.connected
+    monkeypatch.setattr(provider, "connected", lambda attach, timeout, what: connected(attach, 0.0, what))
     with pytest.raises(typer.Exit) as ended:
         guarded(recorded_master)(Path("configs/recordings/circle.csv"), system="nosuch", rate=200.0)
     assert ended.value.exit_code == 1

@@ -74,8 +74,8 @@ def test_reads_return_value_and_stamp(kinematic: ScriptedRobot) -> None:
 def test_a_wrong_name_is_told_at_once_where_the_system_is_up(kinematic: ScriptedRobot, name: str) -> None:
     with pytest.raises(trocar.Problem, match=f"no arm {name}; (did you mean|there are:) PSM1"):
         trocar.arm(name, kinematic.name, timeout=60.0)
-    with pytest.raises(trocar.Problem, match="no console consol"):
-        trocar.console("consol", kinematic.name, timeout=60.0)
+    with pytest.raises(trocar.Problem, match="no console consoel"):
+        trocar.console("consoel", kinematic.name, timeout=60.0)
     number: Any = 1
     with pytest.raises(trocar.Problem, match="no arm 1; there are: PSM1"):
         trocar.arm(number, kinematic.name, timeout=60.0)
@@ -83,7 +83,7 @@ def test_a_wrong_name_is_told_at_once_where_the_system_is_up(kinematic: Scripted
 
 def test_what_is_no_operating_state_is_not_waited_for(kinematic: ScriptedRobot) -> None:
     kinematic.show_arm()
-    with trocar.arm("PSM1", kinematic.name) as psm, pytest.raises(ValueError, match="allowed are DISABLED, ENABLED"):
+    with trocar.arm("PSM1", kinematic.name) as psm, pytest.raises(ValueError, match="allowed: DISABLED, ENABLED"):
         psm.wait_for_operating_state("ENABLD", 60.0)
 
 
@@ -263,6 +263,7 @@ def test_a_system_lists_arms_and_processes(kinematic: ScriptedRobot) -> None:
         assert {process.name for process in system.status()} == {"supervisor", "IO1", "PSM1"}
 
 
+@pytest.mark.slow
 def test_a_script_with_a_robot_ended_by_ctrl_c_says_so_in_one_line() -> None:
     code = "from trocar import arm\nprint('ready', flush=True)\narm('PSM1', 'nowhere', timeout=60)\n"
     script = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -274,6 +275,7 @@ def test_a_script_with_a_robot_ended_by_ctrl_c_says_so_in_one_line() -> None:
     assert errors == "ended by Ctrl-C\n" and script.returncode == -signal.SIGINT  # as the shell sees it
 
 
+@pytest.mark.slow
 def test_an_import_changes_nothing_for_the_script() -> None:
     code = ("import sys\nbefore = sys.excepthook\nimport trocar\nfrom trocar import arm\n"
             "print(sys.excepthook is before, 'trocar.shm' in sys.modules)")
@@ -282,9 +284,3 @@ def test_an_import_changes_nothing_for_the_script() -> None:
     code = "import sys, trocar\nprint(*[name for name in sys.modules if name.startswith('trocar.')])"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "\n"
-
-
-def test_other_errors_of_a_script_keep_their_traceback() -> None:
-    done = subprocess.run([sys.executable, "-c", "import trocar\n1 / 0"], cwd=ROOT, capture_output=True, text=True,
-                          check=False)
-    assert "Traceback" in done.stderr and "ZeroDivisionError" in done.stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pwd
 import subprocess
 import sys
 from pathlib import Path
@@ -34,7 +35,7 @@ def home(tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", [
-    ("up",), ("up", "--detach"), ("up", "--set", "gui.listen=0.0.0.0:8099", "--for", "0"), ("demo", "--for", "1"),
+    ("up", "--detach"), ("up", "--set", "gui.listen=0.0.0.0:8099", "--for", "0"), ("demo", "--for", "1"),
     ("commission", "configs/systems/demo.yaml", "--boards", "emulated", "--yes")], ids=" ".join)
 def test_a_system_that_can_keep_no_logs_is_not_started(words: tuple[str, ...], home: Path, tmp_path: Path,
                                                        world: World) -> None:
@@ -58,6 +59,20 @@ def test_the_variables_choose_the_folder_in_their_order(tmp_path: Path) -> None:
     assert made_log_folder(given, "lab") == tmp_path / "xdg/trocar/lab"
     given["TROCAR_STATE"] = str(tmp_path / "ours")
     assert made_log_folder(given, "lab") == tmp_path / "ours/lab" and (tmp_path / "ours/lab").is_dir()
+
+
+def test_without_home_the_account_has_one_and_no_two_users_share_a_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert log_folder({}, "lab") == Path(pwd.getpwuid(os.getuid()).pw_dir) / ".local/state/trocar/lab"
+    monkeypatch.setattr(os, "getuid", lambda: 64001)
+    monkeypatch.setattr(pwd, "getpwuid", {}.__getitem__)  # no account
+    assert log_folder({}, "lab") == Path("/tmp/trocar-64001/.local/state/trocar/lab")
+    taken = Path("/tmp/trocar-64001")
+    taken.mkdir()  # by another user
+    try:
+        with pytest.raises(NoStateFolder, match="TROCAR_STATE"):
+            log_folder({}, "lab")
+    finally:
+        taken.rmdir()
 
 
 def test_a_folder_of_others_is_no_place_for_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

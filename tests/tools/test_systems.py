@@ -10,11 +10,14 @@ from typing import Any
 
 import pytest
 
+from tests.conftest import World
 from trocar.shm.memory import segment
 from trocar.shm.memory.owners import SERVICE_USER
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems import find as systems
-from trocar.tools.verbs import logs
+from trocar.tools.systems import supervising
+from trocar.tools.systems.processes import RunningProcess
+from trocar.tools.verbs import logs, recordings
 
 DEAD = 30
 
@@ -27,6 +30,7 @@ def looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
             (tmp_path / f"trocar~old{k:02}~supervisor~{what}").write_bytes(b"")
     monkeypatch.setattr(segment, "FOLDER", tmp_path)
     monkeypatch.setattr(systems, "running", lambda system=None: [])  # others may be up on this machine
+    monkeypatch.setattr(systems, "held_names", list)
     counts: Counter[str] = Counter()
 
     def counted(name: str) -> Callable[..., Any]:
@@ -45,12 +49,13 @@ def looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
 def test_the_remedy_for_systems_of_others_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(segment, "FOLDER", tmp_path)
+    monkeypatch.setattr(systems, "held_names", list)
     theirs = {name: [f"/trocar~{name}~supervisor~document"] for name in ("one", "two")}
     monkeypatch.setattr(systems, "_named", lambda system=None, foreign=False: theirs if foreign else {})
-    monkeypatch.setattr(systems, "_owner", lambda system, ours: f"user {system}s")
-    with pytest.raises(Problem, match="system one belongs to user ones, system two belongs to user twos; ") as found:
+    monkeypatch.setattr(systems, "other_owner", lambda system, ours: f"user {system}s")
+    with pytest.raises(Problem, match="2 systems of other users are there; ") as found:
         systems.chosen_system()
-    assert str(found.value).count(SERVICE_USER) == 1
+    assert str(found.value).count(SERVICE_USER) == 1 and "user twos" not in str(found.value)
 
 
 def test_the_system_meant_is_found_with_one_look(looks: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,12 +80,37 @@ def test_what_is_left_over_is_asked_together(looks: Counter[str]) -> None:
     assert looks == {"names_of": 1, "running": 2, "Segment": DEAD}
 
 
-def test_logs_without_a_system_name_those_that_were_up_last(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_system_whose_memory_is_out_of_reach_is_up_while_its_supervisor_runs(
+        looks: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(systems, "held_names", lambda: ["port", "robot"])
+    monkeypatch.setattr(systems, "running", lambda system=None: [
+        RunningProcess("robot", "supervisor", os.getpid(), 1)])
+    assert systems.chosen_system() == "robot" and systems.all_up() == ["robot"]
+    monkeypatch.setattr(systems.owners, "accepted", lambda: frozenset({0, os.getuid()}))
+    monkeypatch.setattr(systems.os, "getuid", lambda: 64103)
+    with pytest.raises(Problem, match="no system is up"):  # it is being started, or ended, by another user
+        systems.chosen_system()
+
+
+def test_a_name_whose_processes_still_run_without_memory_is_taken(
+        monkeypatch: pytest.MonkeyPatch, world: World) -> None:
+    supervising.refuse_taken(world.name)
+    left = [RunningProcess(world.name, "IO1", 42, 1)]
+    monkeypatch.setattr(supervising, "running", lambda system: left)
+    with pytest.raises(Problem, match=r"IO1 \(pid 42\); trocar down"):
+        supervising.refuse_taken(world.name)
+
+
+def test_logs_and_recordings_without_a_system_name_those_that_were_up_last(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
+) -> None:
     monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
-    monkeypatch.setattr(logs, "all_up", list)
+    monkeypatch.setattr(systems, "all_up", list)
     for when, name in enumerate(("old", "newer")):
         (tmp_path / name).mkdir()
         (tmp_path / name / "supervisor.log").write_text("")
         os.utime(tmp_path / name / "supervisor.log", (when, when))
-    with pytest.raises(Problem, match=r"trocar logs IO1 --system NAME prints the logs of an earlier one: newer, old$"):
+    with pytest.raises(Problem, match=r"trocar logs IO1 --system NAME shows an earlier one: newer, old$"):
         logs.logs("IO1")
+    with pytest.raises(Problem, match=r"trocar recordings --system NAME shows an earlier one: newer, old$"):
+        recordings.recordings()

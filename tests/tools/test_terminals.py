@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import io
 import json
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.conftest import World
+from tests.conftest import ROOT, World
 from tests.tools.robot import ScriptedRobot, robot
 from trocar.tools import cli
+from trocar.tools.output.printing import LiveLine
 
 Run = Callable[..., str]
 REASON = "PSM1 joint 2: 3.5 ° → 4 °, Zürich ≥ 半"
@@ -75,3 +77,23 @@ def test_the_help_of_each_verb_is_shown(terminal: Run) -> None:
 @pytest.mark.slow
 def test_the_machine_is_checked_on_a_terminal_of_any_encoding(terminal: Run) -> None:
     assert terminal("doctor")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("output", "code", "reported"), [
+    ("/dev/full", 1, "trocar: No space left on device\n"), ("&-", 0, "")])
+def test_output_that_goes_nowhere_ends_no_verb_with_a_traceback(output: str, code: int, reported: str) -> None:
+    verb = f"{sys.executable} -m trocar check configs/systems/kinematic.yaml >{output}"
+    done = subprocess.run(["sh", "-c", verb], cwd=ROOT, text=True, capture_output=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (code, reported)
+
+
+def test_a_terminal_that_only_appends_gets_no_line_twice_and_no_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = io.StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", screen)
+    for terminal, commands in (("xterm", 1), ("dumb", 0)):
+        monkeypatch.setenv("TERM", terminal)
+        LiveLine().show(["PSM1 follows"])
+        assert screen.getvalue().count("\033") == commands and "PSM1 follows" in screen.getvalue()
+        screen.truncate(0)

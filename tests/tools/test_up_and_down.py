@@ -38,7 +38,8 @@ def beats(system: str) -> bool:
 
 def test_options_are_passed_on_to_the_supervisor() -> None:
     request = StartRequest(Path("a.yaml"), "s", "emulated", (Path("p"), Path("q")), ("clock=wall",), 3.5)
-    words = request.command()[4:]
+    *words, room, spaces = request.command()[4:]
+    assert room == "--room" and spaces.isspace()
     assert words == ["a.yaml", "--system", "s", "--boards", "emulated", "--path", "p", "--path", "q",
                      "--set", "clock=wall", "--for", "3.5"]
 

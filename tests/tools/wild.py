@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import yaml
 
+from tests.tools.robot import KEPT, short
 from trocar.procs.config import PROJECT_CONFIGS, load_system
-from trocar.procs.document.system import SystemConfig
+from trocar.procs.document.system import WALL, SystemConfig
 from trocar.procs.supervisor import memory
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.ring.ring import RingWriter
 from trocar.shm.system import directory
 from trocar.shm.time.clock import local_ns, monotonic_ns
@@ -36,7 +40,7 @@ def smaller(folder: Path, name: str) -> SystemConfig:
     file.write_text(yaml.safe_dump(content))
     loaded = load_system(file, name=name, records=True)
     assert loaded.system is not None, loaded.errors
-    return loaded.system
+    return replace(loaded.system, clock=WALL)
 
 
 class WildSystem:
@@ -44,7 +48,7 @@ class WildSystem:
 
     def __init__(self, folder: Path, name: str) -> None:
         self.document, self.name = smaller(folder, name), name
-        memory.create_all(self.document)
+        memory.create_all(self.document, partial(short, KEPT))
         self._pages = {one: ControlPage(name, one, write=True) for one in directory.instances(name)}
         for one, page in self._pages.items():
             page.segment.claim(one)
@@ -106,7 +110,7 @@ class WildSystem:
         """Give all back, and remove it."""
         for part in (*self._pages.values(), *self.rings.values()):
             part.close()
-        memory.remove_all(self.name)
+        remove_all(self.name)
 
 
 def worth(dtype: np.dtype[Any], number: int) -> Any:

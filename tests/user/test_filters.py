@@ -20,9 +20,9 @@ from trocar.procs.document.user_process import UserCommand, UserField, UserProce
 from trocar.procs.supervisor.memory import create_all
 from trocar.procs.user import filters
 from trocar.procs.user.filters import HostedFilter, filter_in
-from trocar.procs.user.process import UserNode
+from trocar.procs.user.process import UserLoop
 from trocar.shm.mailbox.client import Client
-from trocar.shm.mailbox.origins import ACTING, NOBODY
+from trocar.shm.mailbox.origins import ACTING, NO_ORIGIN
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.system.loglines import Stamped
@@ -39,7 +39,7 @@ ROWS = tuple(Row(name, "user", 0.002, start="elsewhere", restart_limit=2, backof
              for name in ("good", "bad"))
 
 
-class Good(UserNode):
+class Good(UserLoop):
     count = 0
 
     def update(self) -> None:
@@ -90,7 +90,7 @@ class Lab:
         self.name, self.made = name, list[HostedFilter]()
         self.rings: list[RingReader] = []
 
-    def add(self, name: str, kind: type[UserNode], most_s: float = 5.0) -> RingReader:
+    def add(self, name: str, kind: type[UserLoop], most_s: float = 5.0) -> RingReader:
         row = next(row for row in ROWS if row.name == name)
         self.made.append(HostedFilter(self.name, row, lambda: kind, most_s))
         self.rings.append(directory.reader(self.name, name, "count"))
@@ -119,7 +119,7 @@ def lab(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[Lab]:
     page = ControlPage(world.name, "supervisor", write=True)
     page.field("heartbeat_ns")[...] = monotonic_ns() + FOR_NS
     page.close()
-    monkeypatch.setattr(ACTING, "origin", NOBODY)
+    monkeypatch.setattr(ACTING, "origin", NO_ORIGIN)
     made = Lab(world.name)
     yield made
     for each in made.made:
@@ -292,5 +292,5 @@ def test_a_filter_has_an_update_and_no_main(tmp_path: Path) -> None:
     with pytest.raises(ImportError, match="A has a main"):
         filter_in(str(file))
     file.write_text("def main(process): pass\n")
-    with pytest.raises(ImportError, match="0 subclasses"):
+    with pytest.raises(ImportError, match="has a main"):
         filter_in(str(file))

@@ -18,17 +18,17 @@ from trocar.procs.crtk.topics import catalogue
 from trocar.procs.document.system import Process as Row
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.document.user_process import Property, UserCommand, UserField, UserProcess, UserTopic
+from trocar.procs.node.life import document_of
+from trocar.procs.node.node import Node
 from trocar.procs.supervisor.memory import create_all
-from trocar.procs.user.classes import module_named
-from trocar.procs.user.loop import class_in
-from trocar.procs.user.process import UserNode
+from trocar.procs.user.process import UserLoop, class_in
 from trocar.procs.user.subscription import Subscription
 from trocar.shm.mailbox.client import Client, MailboxFull
 from trocar.shm.mailbox.mailbox_map import COMMANDS_DEPTH
-from trocar.shm.mailbox.origins import ACTING, NOBODY
+from trocar.shm.mailbox.origins import ACTING, NO_ORIGIN
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
-from trocar.shm.system.subscriptions import Subscriptions
+from trocar.shm.system.subscriptions import EVERY, Subscriptions
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.topics import ARM_STATE
@@ -46,11 +46,11 @@ DECLARED = UserProcess(
 OTHER = dataclasses.replace(DECLARED, name="other")
 
 
-class Mine(UserNode):
+class Mine(UserLoop):
     calls: list[object]
 
-    def __init__(self, system: str, name: str) -> None:
-        super().__init__(system, name)
+    def __init__(self, node: Node) -> None:
+        super().__init__(node)
         self.calls = []
 
     def setup(self) -> None:
@@ -86,12 +86,12 @@ def make(world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
     opened: list[Mine] = []
 
     def made(kind: type[Mine] = Mine, name: str = "mine") -> Mine:
-        opened.append(kind(world.name, name))
+        opened.append(kind(Node(document_of(world.name), name)))
         return opened[-1]
 
     yield made
     for process in opened:
-        process.close()
+        process.node.close()
     world.remove()
 
 
@@ -156,7 +156,7 @@ def test_what_is_declared_and_has_no_handler_ends_its_setup(make: Callable[..., 
     mine = make(DeafToFoo)
     with pytest.raises(ValueError, match="DeafToFoo has no on_follow, which mine declares"):
         mine.run()
-    assert mine.calls == ["setup", "quit"] and mine.own.page.state == "STARTING"
+    assert mine.calls == ["setup", "quit"] and mine.node.page.state == "STARTING"
 
 
 def test_an_error_of_setup_stays_and_one_that_names_a_command_has_no_other_remedy(make: Callable[..., Mine]) -> None:
@@ -166,7 +166,7 @@ def test_an_error_of_setup_stays_and_one_that_names_a_command_has_no_other_remed
 
     mine = make(Forgetful)
     mine.begin()
-    assert mine.own.page.state == "RUNNING" and mine.error == "nothing yet: trocar send mine plain"
+    assert mine.node.page.state == "RUNNING" and mine.error == "nothing yet: trocar send mine plain"
     mine.error = "no sensor"
     events = directory.reader(mine.system, "mine", "events")
     hints = [row["hint"] for row in events.last(10) if row["event"] == b"error"]
@@ -218,7 +218,7 @@ def test_a_subscribed_record_ends_a_wait(make: Callable[..., Mine]) -> None:
     mine, other = make(), make(name="other")
     wrench: Subscription = mine.subscribe("other/wrench")
     assert wrench.slice_ns == 5_000_000, "of 100 Hz, half a period"
-    mine.own.begin()
+    mine.node.begin()
     assert mine.wait(0.0) and not mine.has_news()
     other.publish("wrench", force=(4, 5, 6))
     assert mine.wait(30.0) and wrench.has_news and wrench.look() and wrench["force"].tolist() == [4, 5, 6]
@@ -241,7 +241,7 @@ def test_what_is_computed_on_demand_is_wanted_by_its_group(make: Callable[..., M
     page = ControlPage(world.name, "PSM1")
     arm = Subscriptions(page)
     state = mine.subscribe("PSM1/state", "wrench")
-    assert arm.look() and arm.wanted == arm.bits("state") | arm.bits("state", "wrench")
+    assert arm.look() and arm.wanted == arm.bits("state") | arm.bits("state", "wrench") | EVERY
     mine.unsubscribe(state)
     assert arm.look() and not arm.wanted
     with pytest.raises(SegmentError, match="no state/colour to subscribe to"):
@@ -253,7 +253,7 @@ def test_a_watched_file_ends_a_wait(make: Callable[..., Mine]) -> None:
     mine = make()
     reading, writing = os.pipe()
     mine.watch(reading)
-    mine.own.begin()
+    mine.node.begin()
     assert mine.wait(0.0) and not mine.is_ready(reading)
     os.write(writing, b"x")
     assert mine.wait(30.0) and mine.is_ready(reading)
@@ -267,7 +267,7 @@ def test_a_watched_file_is_ready_as_long_as_something_waits_in_it(make: Callable
     mine = make()
     reading, writing = os.pipe()
     mine.watch(reading)
-    mine.own.begin()
+    mine.node.begin()
     os.write(writing, b"xy")
     assert mine.is_ready(reading)  # who has an update and waits for nothing sees it, too
     assert mine.wait(30.0) and os.read(reading, 1) == b"x" and mine.is_ready(reading)
@@ -317,7 +317,7 @@ def test_texts_are_properties_of_so_many_bytes(make: Callable[..., Mine], client
 
 def test_its_error_is_shown_until_it_is_over(make: Callable[..., Mine], world: World) -> None:
     mine = make()
-    mine.own.begin()
+    mine.node.begin()
     mine.wait(0.0)
     mine.error = "no data"
     assert [row.problem for row in statuses(world.name) if row.name == "mine"] == ["no data"]
@@ -330,16 +330,16 @@ def test_it_acts_for_nobody_until_a_command_that_moves(make: Callable[..., Mine]
     mine, theirs = make(), make(name="other")
     client.send("go", (0, 0, 0, 0))
     asked = client.origin
-    monkeypatch.setattr(ACTING, "origin", NOBODY)
+    monkeypatch.setattr(ACTING, "origin", NO_ORIGIN)
     to_other = Client(world.name, "other")
     to_other.send("go", (0, 0, 0, 0))
-    assert to_other.origin == NOBODY
+    assert to_other.origin == NO_ORIGIN
     mine.process_messages()
     to_other.send("go", (0, 0, 0, 0))
     assert to_other.origin == asked
     monkeypatch.setattr(ACTING, "system", "another")
     to_other.send("go", (0, 0, 0, 0))
-    assert to_other.origin == NOBODY, "an operator of one system is none of another"
+    assert to_other.origin == NO_ORIGIN, "an operator of one system is none of another"
     to_other.close()
     assert theirs.process_messages() == 3
 
@@ -347,7 +347,7 @@ def test_it_acts_for_nobody_until_a_command_that_moves(make: Callable[..., Mine]
 def test_who_subscribes_to_what_is_not_there_is_told_what_is(make: Callable[..., Mine]) -> None:
     mine = make()
     for topic, told in (("nobody/wrench", "no process nobody; there are: supervisor, mine, other"),
-                        ("othe/wrench", r"no process othe; did you mean other\?"),
+                        ("othr/wrench", r"no process othr; did you mean other\?"),
                         ("other/force", "other has no force to subscribe to; it has: .*wrench")):
         with pytest.raises(SegmentError, match=told):
             mine.subscribe(topic)
@@ -378,10 +378,10 @@ def test_a_value_that_does_not_fit_is_told_with_its_field(make: Callable[..., Mi
 def test_a_module_has_one_class_or_a_function(tmp_path: Path) -> None:
     file = tmp_path / "lab_process_of_a_test.py"
     file.write_text("def main(process): process.calls = 'main'\n")
-    assert issubclass(class_in(module_named(str(file))), UserNode)
+    assert issubclass(class_in(str(file)), UserLoop)
     file.write_text("import trocar\n")
     with pytest.raises(ImportError, match="0 subclasses"):
-        class_in(module_named(str(file)))
+        class_in(str(file))
 
 
 def test_the_page_names_tests_that_are_there() -> None:

@@ -47,6 +47,8 @@ class StubRing:
 class StubClient:
     """A place in somebody's mailbox."""
 
+    own_place = None
+
     def __init__(self, name: str, log: list[str]) -> None:
         self.name, self._log, self.answers = name, log, list[Any]()
 
@@ -63,11 +65,13 @@ class StubClient:
 
 
 class StubNode:
-    """What loops use of `trocar.procs.node.runtime.Node`."""
+    """What loops use of `trocar.procs.node.Node`."""
 
     def __init__(self, document: Any, name: str) -> None:
         self.document, self.name, self.now_ns, self.wall_ns, self.stall = document, name, 0, 0, ""
         self.simulated = False
+        self.row = document.process(name)
+        self.subscriptions = SimpleNamespace(look=lambda: False, wanted=0)
         self.log: list[str] = []
         self.paced_by: list[str] = []
         self.clock = SimpleNamespace(now_ns=lambda: self.now_ns + 50_000)
@@ -75,12 +79,18 @@ class StubNode:
         self.clients: dict[str, StubClient] = {}
         self.late_s: dict[str, float] = {}
         self.requests: list[Any] = []
+        self.held: list[Any] = []
         self.has_mail = False
         log = self.log.append
+        self.pacing = SimpleNamespace(latency=lambda latency_ns: log(f"latency {latency_ns}"))
         self.events = SimpleNamespace(
             status=lambda text, component="": log(f"status {text}"), emit=lambda event, text="", **rest: log(event),
             operating_state=lambda *rest: None, button=lambda *rest: None,
             report=lambda code, text, component="", *rest, **more: log(f"{code.code} {component}: {text}"))
+
+    def hold(self, part: Any) -> Any:
+        self.held.append(part)
+        return part
 
     def kind(self, name: str) -> str:
         return next(row.kind for row in self.document.processes if row.name == name)
@@ -128,6 +138,3 @@ class StubNode:
 
     def follow(self, stamp_ns: int, lead_ns: int) -> None:
         self.log.append(f"follow {stamp_ns} {lead_ns}")
-
-    def latency(self, latency_ns: int) -> None:
-        self.log.append(f"latency {latency_ns}")

@@ -16,7 +16,7 @@ class FakeArm:
 
     def __init__(self, name: str, state: str = "DISABLED", takes_s: float = 0.5) -> None:
         self.name, self.state, self.takes_s, self.reason = name, state, takes_s, ""
-        self.is_homed = self.is_busy = False
+        self.is_homed = self.is_busy = self.is_done = False
         self.is_fresh = True
         self.refusals: list[str] = []
         self.words: list[str] = []
@@ -28,13 +28,13 @@ class FakeArm:
             self.refusals.append(f"{word} while {self.state}")
         self.words.append(word)
         self.origins.append(origin)
-        self._left_s, self.is_busy = self.takes_s, True
+        self._left_s, self.is_busy, self.is_done = self.takes_s, True, False
         return True
 
     def pass_time(self, seconds: float) -> None:
         self._left_s -= seconds
         if self.is_busy and self._left_s <= 0.0:
-            self.is_busy = False
+            self.is_busy, self.is_done = False, True
             self.state = {"disable": "DISABLED"}.get(self.words[-1], "ENABLED")
             self.is_homed = self.words[-1] == "home"
 
@@ -84,7 +84,8 @@ def test_what_is_there_already_is_not_asked() -> None:
 def test_power_that_does_not_come_is_told_after_seven_seconds() -> None:
     stuck, fine = FakeArm("PSM1", takes_s=50.0), FakeArm("PSM2")
     bring_up, now = climbed(POWER_ON, stuck, fine)
-    assert bring_up.problems == "PSM1: is still DISABLED" and fine.state == "ENABLED" and 7.0 <= now < 7.5
+    assert bring_up.problems == "PSM1: not enabled in time; it is DISABLED" and fine.state == "ENABLED"
+    assert 7.0 <= now < 7.5
 
 
 def test_what_an_arm_waits_for_is_told_meanwhile_and_at_the_end() -> None:
@@ -94,7 +95,7 @@ def test_what_an_arm_waits_for_is_told_meanwhile_and_at_the_end() -> None:
     bring_up.step(SECOND)
     assert bring_up.waiting == "waiting for PSM1 (ENABLED: instrument not named)"
     bring_up.step(100 * SECOND)
-    assert bring_up.problems == "PSM1: is still ENABLED: waits: instrument not named"
+    assert bring_up.problems == "PSM1: not homed in time; it waits: instrument not named"
 
 
 def test_an_arm_that_went_to_fault_tells_why() -> None:
@@ -110,7 +111,7 @@ def test_silent_arm_is_told_and_others_go_on() -> None:
     silent, fine = FakeArm("PSM1"), FakeArm("PSM2")
     silent.is_fresh = False
     bring_up, _ = climbed(HOME, silent, fine)
-    assert bring_up.problems == "PSM1: does not answer" and fine.is_homed
+    assert bring_up.problems == "PSM1: not homed in time; it does not answer" and fine.is_homed
 
 
 def test_refusal_is_told_as_it_is() -> None:
@@ -118,6 +119,53 @@ def test_refusal_is_told_as_it_is() -> None:
     arm.ask = lambda word, origin: arm.refusals.append("PSM1: its instrument is stuck") or True  # type: ignore[method-assign]
     bring_up, _ = climbed(HOME, arm)
     assert bring_up.problems == "PSM1: its instrument is stuck"
+
+
+def test_an_arm_that_goes_to_fault_while_it_homes_is_left_there() -> None:
+    arm = FakeArm("PSM1", "ENABLED")
+    bring_up = BringUp(HOME, [arm], SECOND, PERSON)
+    bring_up.step(SECOND)
+    arm.state, arm.reason = "FAULT", "tracking error"
+    bring_up.step(2 * SECOND)
+    assert bring_up.problems == "PSM1: went to FAULT: tracking error" and arm.words == ["home"]
+
+
+def test_an_arm_that_another_program_disables_while_it_homes_is_not_enabled_again() -> None:
+    arm = FakeArm("PSM1", "ENABLED")
+    bring_up = BringUp(HOME, [arm], SECOND, PERSON)
+    bring_up.step(SECOND)
+    arm.state = "DISABLED"
+    bring_up.step(2 * SECOND)
+    assert arm.words == ["home"]
+
+
+@pytest.mark.parametrize("goal", [POWER_ON, HOME])
+def test_a_paused_arm_is_told_at_once_with_what_it_needs(goal: str) -> None:
+    arm = FakeArm("PSM1", "PAUSED")
+    bring_up = BringUp(goal, [arm], SECOND, PERSON)
+    bring_up.step(SECOND)
+    assert bring_up.problems == "PSM1: it is PAUSED; first: trocar send PSM1 state_command resume" and not arm.words
+
+
+def test_a_silent_arm_is_disabled_all_the_same() -> None:
+    arm = FakeArm("PSM1", "ENABLED")
+    arm.is_fresh = False
+    bring_up = BringUp(POWER_OFF, [arm], SECOND, PERSON)
+    bring_up.step(SECOND)
+    assert arm.words == ["disable"]
+    bring_up.step(9 * SECOND)
+    assert bring_up.problems == "PSM1: not disabled in time; it does not answer"
+
+
+def test_an_arm_is_off_when_it_has_confirmed_it() -> None:
+    arm = FakeArm("PSM1", "ENABLED")
+    bring_up = BringUp(POWER_OFF, [arm], SECOND, PERSON)
+    bring_up.step(SECOND)
+    arm.state, arm.is_busy = "DISABLED", False
+    bring_up.step(2 * SECOND)
+    assert not bring_up.is_over
+    bring_up.step(9 * SECOND)
+    assert bring_up.problems == "PSM1: not disabled in time; it has not confirmed that its power is off"
 
 
 @pytest.mark.parametrize("state", ["ENABLED", "FAULT", "DISABLED"])

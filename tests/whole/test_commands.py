@@ -13,9 +13,9 @@ import pytest
 
 from tests.io.harness import FakeCommand
 from tests.whole.test_bring_up import FakeArm
-from trocar.procs.system.commands import SystemCommands
 from trocar.procs.system.message_hub import BEEP_NS, MessageHub, MessageSource
-from trocar.procs.system.sound import GIVE_UP_NS, NOBODY, Sound, tone
+from trocar.procs.system.sound import GIVE_UP_NS, NO_PLAYER, Sound, tone
+from trocar.procs.system.system_commands import SystemCommands
 from trocar.procs.tables.codes import Code
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.system.events import SEVERITIES
@@ -121,7 +121,7 @@ def test_computer_without_sound_says_so() -> None:
     sound = Sound(lambda name: None)
     sound.beep(0.3, 3000.0, 0.5)
     sound.say("hello", 0.5)
-    assert sound.step(0) == "" and sound.name == NOBODY and "aplay" in sound.lacks and "espeak" in sound.lacks
+    assert sound.step(0) == "" and sound.name == NO_PLAYER and "aplay" in sound.lacks and "espeak" in sound.lacks
 
 
 def test_beep_is_a_sine_of_its_frequency() -> None:
@@ -191,7 +191,7 @@ def test_programs_are_those_of_the_path_and_what_they_fail_at_is_told_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert Sound().name == NOBODY
+    assert Sound().name == NO_PLAYER
     for name, line in (("paplay", "exit 3"), ("espeak-ng", "while :; do :; done")):
         (tmp_path / name).write_text(f"#!/bin/sh\n{line}\n")
         (tmp_path / name).chmod(0o755)
@@ -203,7 +203,7 @@ def test_programs_are_those_of_the_path_and_what_they_fail_at_is_told_once(
         reported.append(sound.step(0))
         sound.finish()
         reported.append(sound.step(0))
-    assert reported == ["", f"{tmp_path}/paplay ended with 3: nothing may have been heard", "", ""]
+    assert reported == ["", f"{tmp_path}/paplay ended with 3; the sound may not have been played", "", ""]
     sound.say("hello", 0.5)
     assert sound.step(0) == "" and sound.step(GIVE_UP_NS - 1) == ""
     assert "espeak-ng does not end" in sound.step(GIVE_UP_NS) and sound.step(GIVE_UP_NS) == ""

@@ -18,7 +18,8 @@ from trocar.procs.document.bridges import Rights, RosBridge
 from trocar.procs.gui.browsers import Browsers, ConsoleService
 from trocar.procs.ros_bridge import carrying_out
 from trocar.procs.ros_bridge.carrying_out import Addressee, AskedTopic, Commands
-from trocar.procs.ros_bridge.incoming import CommandTopic, Taken
+from trocar.procs.ros_bridge.incoming import CommandTopic
+from trocar.procs.ros_messages.command_messages import CommandMessage
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.client import Client, LoopClient
 from trocar.shm.mailbox.command_row import ANY, JOINTS, SOME, ZERO, Argument, CommandRow, Effect
@@ -154,7 +155,8 @@ def test_ros_lets_through_what_it_may_power(
         world: World, kind: str, box: Mailbox, may_power: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(carrying_out, "JOINING_NS", 0)  # streams begin at once
     writer = SimpleNamespace(participant_key=uuid4())
-    participant: Any = SimpleNamespace(reader=lambda *_: SimpleNamespace(writer=lambda handle: writer))
+    participant: Any = SimpleNamespace(reader=lambda *_: SimpleNamespace(writer=lambda handle: writer),
+                                       read_as=lambda *_, latched: SimpleNamespace(take=list))  # names no node
     message = SimpleNamespace(sample_info=SimpleNamespace(publication_handle=1, source_timestamp=0))
     said: list[str] = []
     refusals: Any = SimpleNamespace(say=lambda to, text: said.append(to))
@@ -167,8 +169,8 @@ def test_ros_lets_through_what_it_may_power(
         last_look.look()
         if row.ros is None:
             continue
-        taken = Taken(SimpleNamespace, lambda _, values=values: values,  # type: ignore[arg-type]
-                      lambda _, text=text: text)  # type: ignore[misc]
+        taken = CommandMessage(SimpleNamespace, numbers=lambda _, values=values: values,  # type: ignore[arg-type]
+                               text=lambda _, text=text: text)  # type: ignore[misc]
         commands._carry_out(AskedTopic(participant.reader(), CommandTopic(kind, row.name, row, taken), OWNER), message)
         allowed = may_power or not is_powerful(row, text, values)
         assert came(box) == [row.name] * allowed, (row.name, text, values)

@@ -12,8 +12,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from tests.host.hosted import AT_200_HZ, document
-from tests.whole.test_console import Room
+from tests.whole.test_console import Room, homed
 from trocar.procs.host.host import Host
 from trocar.shm.mailbox.client import Client
 from trocar.shm.mailbox.origins import program_name
@@ -28,16 +27,14 @@ CAMERA, RIGHT, LEFT, THIRD = "MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PS
 class Handovers:
     """A robot in teleoperation, and what its operator does."""
 
-    def __init__(self, host: Host, seed: int) -> None:
-        self.host, self.room, self.chance = host, Room(host), Random(seed)
+    def __init__(self, room: Room, seed: int) -> None:
+        self.host, self.room, self.chance = room.host, room, Random(seed)
         self.camera, self.left = False, LEFT
-        room = self.room
-        room.says("system", "home")
-        while not room.homed():
-            host.run(0.5)
         room.says("console", "select_teleop", text=LEFT)
-        room.says("console", "teleop_enable", 1.0)
-        room.says("console", "emulate_operator_present", 1.0)
+        for command, value in (("emulate_camera", 0.0), ("teleop_enable", 1.0), ("emulate_operator_present", 0.0),
+                               ("emulate_operator_present", 1.0)):
+            room.says("console", command, value)
+        assert room.settles(RIGHT, LEFT)
 
     @property
     def wanted(self) -> set[str]:
@@ -64,18 +61,15 @@ class Handovers:
         return self.room.following == self.wanted
 
 
-@pytest.fixture
-def handovers(request: pytest.FixtureRequest) -> Iterator[Handovers]:
-    with Host(document("kinematic-full.yaml", sets=AT_200_HZ)) as host:
-        made = Handovers(host, request.param)
+@pytest.fixture(scope="module")
+def room() -> Iterator[Room]:
+    with homed() as made:
         yield made
-        made.room.close()
 
 
-@pytest.mark.parametrize(("handovers", "times"), [(1, 40), pytest.param(2, 1000, marks=pytest.mark.soak)],
-                         indirect=["handovers"])
-def test_after_every_handover_the_successor_follows(handovers: Handovers, times: int) -> None:
-    assert handovers.room.settles(*handovers.wanted)
+@pytest.mark.parametrize(("seed", "times"), [(1, 20), pytest.param(2, 1000, marks=pytest.mark.soak)])
+def test_after_every_handover_the_successor_follows(room: Room, seed: int, times: int) -> None:
+    handovers = Handovers(room, seed)
     for number in range(times):
         what = handovers.chance.choice((handovers.press_the_camera_pedal, handovers.select_another,
                                         handovers.start_one_again))
@@ -85,11 +79,9 @@ def test_after_every_handover_the_successor_follows(handovers: Handovers, times:
             f"{[ring.field('reason').item() for ring in handovers.room.teleops.values()]}")
 
 
-@pytest.mark.parametrize("handovers", [3], indirect=True)
-def test_a_hold_from_another_program_ends_teleoperation_until_a_person_does_something(handovers: Handovers) -> None:
-    assert handovers.room.settles(RIGHT, LEFT)
-    for which in ("MTMR", "PSM1"):
-        is_ended_by_a_hold(handovers.host, handovers.room, which)
+@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
+def test_a_hold_from_another_program_ends_teleoperation_until_a_person_does_something(room: Room, which: str) -> None:
+    is_ended_by_a_hold(Handovers(room, 3).host, room, which)
 
 
 def is_ended_by_a_hold(host: Host, room: Room, which: str) -> None:
@@ -102,11 +94,11 @@ def is_ended_by_a_hold(host: Host, room: Room, which: str) -> None:
         before = slave.field("setpoint_cp").copy()
         assert room.arms["MTMR"].newest()
         hand.send("move_cp", room.arms["MTMR"].field("measured_cp") + (0.02, 0, 0, 0, 0, 0, 0))
-        host.run(2.0)
+        host.run(0.5)
         assert slave.newest() and np.abs(slave.field("setpoint_cp") - before).max() < 1e-9
     for killed in (False, True):
         host.restart(RIGHT, killed=killed)
-        host.run(1.0)
+        host.run(0.3)
         assert teleop.newest() and teleop.field("desired_state").item() == b"DISABLED", "it was stopped before"
     room.says("console", "emulate_operator_present", 0.0)
     room.says("console", "emulate_operator_present", 1.0)

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from tests.examples import examples
-from tests.host.hosted import document
+from tests.host.hosted import AT_200_HZ, document
 from trocar.procs.host.host import Host
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
 from trocar.procs.tables import codes
@@ -119,12 +119,8 @@ class Judge:
 @contextlib.contextmanager
 def judged() -> Iterator[Judge]:
     """A system of its own, and its judge."""
-    with Host(document("kinematic-teleop.yaml")) as host:
-        judge = Judge(host)
-        try:
-            yield judge
-        finally:
-            judge.close()
+    with Host(document("kinematic-teleop.yaml", sets=AT_200_HZ)) as host, contextlib.closing(Judge(host)) as judge:
+        yield judge
 
 
 def happens(judge: Judge, event: tuple[Any, ...]) -> None:

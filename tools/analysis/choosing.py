@@ -30,8 +30,10 @@ TopicsOption = Annotated[
     list[str] | None,
     typer.Option("--topics", metavar="TOPIC", help="Only these, e.g. PSM1/state or 'PSM*/*'; repeatable."),
 ]
-FromOption = Annotated[float, typer.Option("--from", min=0.0, metavar="S", help="Begin, in seconds from its start.")]
-ToOption = Annotated[float | None, typer.Option("--to", min=0.0, metavar="S", help="End, in seconds from its start.")]
+FromOption = Annotated[float, typer.Option(
+    "--from", min=0.0, metavar="S", help="Begin this many seconds into the recording.")]
+ToOption = Annotated[float | None, typer.Option(
+    "--to", min=0.0, metavar="S", help="End this many seconds into the recording.")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.procs.machine.extras import missing
 from trocar.procs.recordings.reading import RecordedTopic, RecordingReader, Records
 from trocar.procs.recordings.records import joined
 from trocar.shm.memory.header import readable
@@ -23,7 +24,6 @@ from trocar.tools.output.printing import Say
 CSV, PARQUET, ROSBAG2 = "csv", "parquet", "rosbag2"
 STDOUT: Final = "-"
 AT_ONCE: Final = 10_000  # rows
-NO_PYARROW: Final = "Parquet needs pyarrow, which is not installed: pip install 'trocar[parquet]'; or take --format csv"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ def columns(topic: RecordedTopic, records: Records, last: NDArray[Any]) -> list[
             continue
         for place in np.ndindex(values.shape[1:]):
             named = labels.get(values.shape[1], ()) if values.ndim == 2 else ()
-            label = named[place[0]] if named else ",".join(map(str, place))
+            label = named[place[0]] if named else "][".join(map(str, place))
             found.append(TableColumn(f"{name}[{label}]", _plain(values[(slice(None), *place)])))
     return found
 
@@ -169,10 +169,10 @@ class RecordingTables:
 
 def arrow() -> tuple[Any, Any]:
     """The Parquet writer, and the table maker; Problem if they are not installed."""
-    try:
-        from pyarrow import parquet, table
-    except ImportError:
-        raise Problem(NO_PYARROW) from None
+    if lacks := missing("pyarrow"):
+        raise Problem(f"{lacks}; or take --format csv")
+    from pyarrow import parquet, table
+
     return parquet, table
 
 

@@ -7,22 +7,22 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.procs.machine.extras import missing
 from trocar.procs.recordings.reading import RecordingReader
 from trocar.tools.analysis.choosing import numbers
 from trocar.tools.analysis.differences import TopicDifference, paired
 from trocar.tools.output.errors import Problem
 
 MOST: Final = 6  # pictures below each other that can still be read
-NO_MATPLOTLIB: Final = "a PNG needs matplotlib, which is not installed: pip install 'trocar[plot]'"
 
 
 def plot(path: str, a: RecordingReader, b: RecordingReader, topics: tuple[TopicDifference, ...], how: str) -> list[str]:
     """Write a PNG with the fields that differ most by their own spread; the names of those that are in it."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise Problem(NO_MATPLOTLIB) from None
+    if lacks := missing("matplotlib"):
+        raise Problem(lacks)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     wanted = [(topic.name, field) for topic in topics for field in topic.fields
               if np.isfinite(field.most) and field.name not in ("sequence", "stamp_ns")]
     wanted = sorted(wanted, key=lambda each: (each[1].beyond == 0, -each[1].count))[:MOST]

@@ -16,13 +16,13 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any, Final
 
+from trocar.procs.machine.free_port import reserved_port
 from trocar.procs.ros_messages.dds import Participant, TopicReader
 from trocar.procs.ros_messages.messages import JointStates, PoseStamped, TwistStamped
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.bench.beside import ARMS, PAIRS, RobotAtWork, full_robot
 from trocar.tools.bench.measuring import PATIENCE_S, seconds_since, wait_until
 from trocar.tools.output.errors import Problem
-from trocar.tools.systems.web_address import reserved_port
 
 BRIDGE: Final = "ros_bridge"
 TOPICS: Final[tuple[tuple[str, Any], ...]] = (

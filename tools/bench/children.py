@@ -1,14 +1,17 @@
 """The children of a bench: started once, each on its core, asleep until ordered to measure for some seconds.
 
-A child prints `{}` when it is ready. Then, for each line `seconds` it reads, it measures and prints one line: for every
-measurement its percentiles in ns. Long-lived children make it cheap to measure many things in turn, which is necessary
-on a machine whose cores are near each other in one second and far apart in the next.
+`python -m trocar.tools.bench.children MODULE ROLE WORD... CORE` is a child: the role is one of `ROLES` of a module in
+tools/bench, which gets the words. A child prints `{}` when it is ready. Then, for each line `seconds` it reads, it
+measures and prints one line: for every measurement its percentiles in ns. Long-lived children make it cheap to measure
+many things in turn, which is necessary on a machine whose cores are near each other in one second and far apart in the
+next.
 """
 
 from __future__ import annotations
 
 import contextlib
 import gc
+import importlib
 import json
 import os
 import resource
@@ -25,8 +28,8 @@ from typing import IO
 import psutil
 
 from trocar.procs.machine.paths import ROOT
+from trocar.shm.memory.closable import Closable
 from trocar.shm.time.clock import pause
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 PATIENCE_S = 30.0  # with a line
@@ -60,17 +63,6 @@ def pin(core: int) -> None:
     hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
     if hard == resource.RLIM_INFINITY or hard > CPU_S:
         resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
-
-
-def run_child(words: Sequence[str], roles: Mapping[str, Callable[..., Turn]], count: int) -> int:
-    """Main function of a child, started with a role, `count` words about it and its core; returns its exit code."""
-    if len(words) != count + 2 or words[0] not in roles:
-        print("started by: trocar bench ring", file=sys.stderr)
-        return 2
-    role, *about, core = words
-    pin(int(core))
-    serve(roles[role](*about))
-    return 0
 
 
 def serve(turn: Turn) -> None:
@@ -211,3 +203,17 @@ def _gone(process: psutil.Process) -> bool:
                 return False
             pause(0.005)
     return True
+
+
+def main(words: Sequence[str]) -> None:
+    """A child of a bench."""
+    if len(words) < 3:
+        sys.exit("started by: trocar bench ring")
+    module, role, *about, core = words
+    make: Callable[..., Turn] = importlib.import_module(f"trocar.tools.bench.{module}").ROLES[role]
+    pin(int(core))
+    serve(make(*about))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

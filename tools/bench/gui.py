@@ -27,12 +27,12 @@ import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from trocar.procs.machine.free_port import reserved_port
 from trocar.shm.time.clock import pause
 from trocar.tools.bench.beside import ARMS, PAIRS, TAKE_S, MovingArms, RobotAtWork, full_robot
 from trocar.tools.bench.measuring import PATIENCE_S, wait_until
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.cleanup import own_folder
-from trocar.tools.systems.web_address import reserved_port
 
 GUI: Final = "gui"
 OTHERS: Final = ("SUJ", "console", "system", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3", "MTML_MTMR_ECM")

@@ -12,6 +12,7 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -20,12 +21,13 @@ from trocar.procs.document.system import SystemConfig
 from trocar.procs.host.host import Host
 from trocar.shm.commands import became
 from trocar.shm.mailbox.client import Client
+from trocar.shm.memory.closable import Closable
 from trocar.shm.ring.ring import RingReader
 from trocar.tools.bench.io_loop import write_system
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
-KINEMATIC, BOARDS, FOUR_PSMS = "kinematic", "boards", "4psm"
+PSMS: Final = "psm"  # after the number of PSMs of a system that is written for the bench
+KINEMATIC, BOARDS, FOUR_PSMS = "kinematic", "boards", f"4{PSMS}"
 FILES: Final = {KINEMATIC: "kinematic.yaml", BOARDS: "demo.yaml"}
 SETS: Final = ("clock=lockstep", "io.period_s=0.002", "arm.period_s=0.002", "emulation.period_s=0.002")
 POLICY_S: Final = 0.02
@@ -40,12 +42,15 @@ OURS: Final = ("desired_origin", "desired_program")  # process and program that 
 _numbers: Final = itertools.count()
 
 
-def document(kind: str) -> SystemConfig:
-    """A system of ours in simulated time with all loops and physics at 500 Hz; `4psm`: on one io, with eight boards."""
+def document(kind: str, sets: Sequence[str] = SETS) -> SystemConfig:
+    """A system of ours in simulated time, by default with all loops and physics at 500 Hz; `4psm`: on one io, with
+    eight boards.
+    """
     name = f"bench-rl-{os.getpid()}-{next(_numbers)}"
     with tempfile.TemporaryDirectory() as folder:
-        file = PROJECT_CONFIGS / "systems" / FILES[kind] if kind in FILES else write_system(Path(folder), 4)
-        loaded = load_system(file, name=name, sets=SETS, boards=None if kind == KINEMATIC else "emulated")
+        file = (PROJECT_CONFIGS / "systems" / FILES[kind] if kind in FILES
+                else write_system(Path(folder), int(kind.removesuffix(PSMS))))
+        loaded = load_system(file, name=name, sets=sets, boards=None if kind == KINEMATIC else "emulated")
     if loaded.system is None:
         raise Problem(f"{file.name} cannot be read: {'; '.join(str(error) for error in loaded.errors)}")
     return loaded.system
@@ -54,9 +59,9 @@ def document(kind: str) -> SystemConfig:
 class HostRun(Closable):
     """A host with homed arms at START; a context manager."""
 
-    def __init__(self, kind: str) -> None:
+    def __init__(self, kind: str, sets: Sequence[str] = SETS) -> None:
         """Problem: an arm could not be homed."""
-        self._host = host = Host(document(kind))
+        self.host = host = Host(document(kind, sets))
         try:
             arms = [arm.name for arm in host.document.arms]
             self._clients: dict[str, Client] = {arm: host.client(arm) for arm in arms}
@@ -84,21 +89,21 @@ class HostRun(Closable):
 
     def _all(self, command: str, values: tuple[float, ...], text: str) -> None:
         waiting = {(arm, client.send(command, values, text)) for arm, client in self._clients.items()}
-        end_ns = self._host.now_ns + round(LIMIT_S * 1e9)
+        end_ns = self.host.now_ns + round(LIMIT_S * 1e9)
         while waiting:
-            self._host.run(POLICY_S)
+            self.host.run(POLICY_S)
             for arm, client in self._clients.items():
                 for reply in client.poll():
                     if reply.outcome == "done":
                         waiting.discard((arm, reply.id))
                     elif reply.outcome != "accepted":
                         raise Problem(f"{arm}: {command} {text} {became(reply.outcome)}: {reply.text}")
-            if self._host.now_ns > end_ns:
+            if self.host.now_ns > end_ns:
                 raise Problem(f"{command} {text} takes more than {LIMIT_S:g} s")
 
     def restore(self) -> None:
         """As it was when it had been made."""
-        self._host.restore(self._snapshot)
+        self.host.restore(self._snapshot)
 
     def play(self, seconds: float, digest: hashlib._Hash | None = None) -> None:
         """Goals at 50 Hz; the arms' records are read each time; `digest` gets all output."""
@@ -109,12 +114,12 @@ class HostRun(Closable):
                 client.poll()
                 client.send("servo_jp", goal)
             if digest is None:
-                self._host.run(POLICY_S)
+                self.host.run(POLICY_S)
                 for state in self._states:
                     state.newest()
             else:
                 for _ in range(round(POLICY_S / LOOK_S)):
-                    self._host.run(LOOK_S)
+                    self.host.run(LOOK_S)
                     for ring in self._rings:
                         _add(ring, digest)
         self._look()
@@ -137,7 +142,7 @@ class HostRun(Closable):
 
     def close(self) -> None:
         """Close the host."""
-        self._host.close()
+        self.host.close()
 
 
 def _add(ring: RingReader, digest: hashlib._Hash) -> None:

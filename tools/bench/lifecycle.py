@@ -25,7 +25,7 @@ from trocar.shm.system.subscriptions import Subscriber
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
 from trocar.tools.bench.beside import ask
-from trocar.tools.bench.measuring import FULL, medians, seconds_since, wait_until
+from trocar.tools.bench.measuring import FULL, medians, pss_mb, seconds_since, wait_until
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.remote import Remote
 from trocar.tools.systems.cleanup import own_folder
@@ -71,10 +71,9 @@ def _full_robot(system: str) -> dict[str, float]:
     begin = monotonic_ns()
     with up_meanwhile(StartRequest(FULL, system)) as background:
         up_s = seconds_since(begin)
-        supervisor = psutil.Process(background.popen.pid)
-        pss = sum(each.memory_full_info().pss for each in (supervisor, *supervisor.children(recursive=True)))
+        memory_mb = pss_mb(background.popen.pid)
         begin = monotonic_ns()
-    return {"full_up_s": up_s, "full_down_s": seconds_since(begin), "full_pss_mb": pss * 1e-6}
+    return {"full_up_s": up_s, "full_down_s": seconds_since(begin), "full_pss_mb": memory_mb}
 
 
 def _on_demand(system: str) -> dict[str, float]:

@@ -6,7 +6,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from statistics import median
 from typing import Any, Final, TypeVar
@@ -104,6 +104,15 @@ def cpu_s(pid: int) -> float:
         return time.clock_gettime_ns((~pid << 3) | WHOLE_PROCESS) * 1e-9  # as clock_getcpuclockid does
     except OSError:
         return 0.0
+
+
+def pss_mb(pid: int) -> float:
+    """Proportional set size of a process and all its descendants, MB: shared parts count once."""
+    process, found = psutil.Process(pid), 0
+    for each in (process, *process.children(recursive=True)):
+        with suppress(psutil.NoSuchProcess):  # it has ended
+            found += each.memory_full_info().pss
+    return found * 1e-6
 
 
 @contextmanager

@@ -1,13 +1,11 @@
 """The roles of `trocar bench ring` that use our own shared memory; each is made once and then measures in turns.
 
-Started as `python -m trocar.tools.bench.parts ROLE SYSTEM CORE` (see tools/bench/children.py). Polling loops have no
-bound of their own, which would cost time at every poll: a child with a crashed partner is killed, or ends with its CPU
-time limit.
+Started by tools/bench/children.py. Polling loops have no bound of their own, which would cost time at every poll: a
+child with a crashed partner is killed, or ends with its CPU time limit.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from time import monotonic_ns
 
@@ -21,7 +19,7 @@ from trocar.shm.system.directory import create_ring
 from trocar.shm.time.clock import pause
 from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.topics import PROBE, PROBE_4K, Topic
-from trocar.tools.bench.children import KEPT, Times, Turn, run_child
+from trocar.tools.bench.children import KEPT, Times, Turn
 from trocar.tools.output.errors import Problem
 
 BATCH = 50  # for operations too short for the clock; fewer than the ring keeps
@@ -298,12 +296,3 @@ ROLES: dict[str, Callable[[str], Turn]] = {
     "pong_4k": lambda system: pong(system, PROBE_4K), "local": local, "crowd": crowd, "poller": poller,
     "looker": looker, "owner": owner, "client": client, "sleeper": sleeper, "waker": waker,
 }
-
-
-def main(words: list[str]) -> int:
-    """A child of the benchmark."""
-    return run_child(words, ROLES, 1)
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -1,8 +1,8 @@
 """The peers of `trocar bench ring`: other libraries for the same job, each in its best setting.
 
-Started as `python -m trocar.tools.bench.peers ROLE PLACE OTHER CORE` (see tools/bench/children.py); PLACE is a folder
-of the bench, OTHER the core of the partner. All send 216 bytes back and forth and poll for them. Byte transports return
-the same bytes without reading them; with iceoryx2 both sides read a number of the record, as with ours.
+Started by tools/bench/children.py with a folder of the bench, PLACE, and the core of the partner, OTHER. All send 216
+bytes back and forth and poll for them. Byte transports return the same bytes without reading them; with iceoryx2 both
+sides read a number of the record, as with ours.
 
 iceoryx2 comes twice: with the calls of its own Python examples, and tuned like its own benchmark in Rust: the next
 sample is borrowed while the other side is at work, the payload written and read at its bare address. The two measuring
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import ctypes
 import multiprocessing
-import sys
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -21,7 +20,7 @@ from queue import Empty
 from time import monotonic_ns
 from typing import Any
 
-from trocar.tools.bench.children import KEPT, PATIENCE_S, Times, Turn, pin, run_child
+from trocar.tools.bench.children import KEPT, PATIENCE_S, Times, Turn, pin
 from trocar.tools.output.errors import Problem
 
 PAYLOAD = 216
@@ -300,12 +299,3 @@ ROLES: dict[str, Callable[[str, str], Turn]] = {
     "pipe": lambda place, other: _with_partner("pipe", int(other)),
     "queue": lambda place, other: _with_partner("queue", int(other)),
 }
-
-
-def main(words: list[str]) -> int:
-    """A child of the bench."""
-    return run_child(words, ROLES, 2)
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib.metadata
-import importlib.util
 import os
 import platform
 import shutil
@@ -23,6 +22,7 @@ from typing import Any
 
 import psutil
 
+from trocar.procs.machine.extras import missing
 from trocar.procs.machine.paths import ROOT
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.topics import PROBE, PROBE_4K
@@ -39,7 +39,7 @@ COUNTER = count()
 SOURCE = ROOT / "tools" / "pingpong.c"
 FLAGS = ("-O2", "-std=c11")
 PEERS = ("c", *SETTINGS)
-INSTALL = "not installed; pip install -e .[bench]"
+CHILD = (sys.executable, "-m", "trocar.tools.bench.children")
 
 FIGURES: dict[str, Figure] = {
     "round_trip_us_p50": ("trip", "p50", 1e3),
@@ -147,8 +147,7 @@ def _own(system: str, cores: tuple[int, int]) -> dict[str, Commands]:
 
     def team(*roles: str) -> Commands:
         last = len(roles) - 1
-        return {f"{role} {i}": [sys.executable, "-m", "trocar.tools.bench.parts", role, system, str(cores[i != last])]
-                for i, role in enumerate(roles)}
+        return {f"{role} {i}": [*CHILD, "parts", role, system, str(cores[i != last])] for i, role in enumerate(roles)}
 
     return {
         "trip": team("pong", "ping"),
@@ -168,11 +167,11 @@ def _peer(name: str, folder: str, cores: tuple[int, int]) -> tuple[Commands, str
     module = MODULES.get(name)
     if module is None:
         version = f"Python {platform.python_version()}"
-    elif importlib.util.find_spec(module) is None:
-        return {}, INSTALL
+    elif lacks := missing(module):
+        return {}, lacks
     else:
         version = importlib.metadata.version({"zmq": "pyzmq"}.get(module, module))
-    start = [sys.executable, "-m", "trocar.tools.bench.peers"]
+    start = [*CHILD, "peers"]
     if module is None:
         team = {name: [*start, name, folder, second, first]}
     else:

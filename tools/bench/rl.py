@@ -4,7 +4,7 @@ Hosts (procs/host) of a KINEMATIC PSM, a PSM on emulated boards, and four PSMs o
 physics at 500 Hz and goals at 50 Hz. Ratios are seconds of the system's time a second: real (`…_realtime_ratio`) and of
 CPU (`…_per_cpu_s`), medians (and p05) of windows of some seconds; for four PSMs the arms' seconds are added up. Restore
 times are CPU time of one PSM on boards. Hashes are of every record of io, boards and arms: twice in this process, in
-another host, in another process; and a homing in processes in lock-step is compared with a host, record by record.
+another host, in another process.
 
 If Ray is installed, episodes of PsmReach on boards run on its actors too, with the same results. `ray_scaling_4` is the
 steps a second of four actors by four times those of one, the median of some rounds, each with both; None where the
@@ -27,13 +27,10 @@ from typing import Any, Final
 import numpy as np
 import psutil
 
-from trocar.procs.config import PROJECT_CONFIGS
 from trocar.procs.machine.paths import ROOT
-from trocar.tools.bench.host_run import BOARDS, FOUR_PSMS, KINEMATIC, SETS, START, HostRun
-from trocar.tools.bench.same_run import LockstepRun
+from trocar.tools.bench.host_run import BOARDS, FOUR_PSMS, KINEMATIC, SETS, HostRun
 from trocar.tools.output.printing import Say, progress
 from trocar.tools.systems.find import environment
-from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 WINDOWS: Final = 20
 WINDOW_S: Final = 2.0
@@ -69,18 +66,17 @@ def run(seconds: float = WINDOW_S, windows: int = WINDOWS, resets: int = RESETS,
                     say("going back", None)
                     figures |= _resets(host, resets)
         hashes = {kind: _hashes(kind, say, processes) for kind in HASHED}
-        found = _against_processes(say) if processes else None
         figures |= NO_RAY
         if processes and all(map(importlib.util.find_spec, ("ray", "gymnasium"))):
             say("actors of Ray", None)
             on_ray, hashes["ray"] = _ray()
             figures |= on_ray
-    is_equal = all(len(set(rows.values())) == 1 for rows in hashes.values()) and not found
+    is_equal = all(len(set(rows.values())) == 1 for rows in hashes.values())
     figures["hashes_equal"] = int(is_equal)
-    problems = [] if is_equal else [f"not all hashes are equal: {hashes}; fields that differ in lock-step: {found}"]
+    problems = [] if is_equal else [f"not all hashes are equal: {hashes}"]
     return {"figures": figures, "problems": problems, "conditions": {
         "windows": windows, "window_s": seconds, "resets": resets, "sets": list(SETS), "hashes": hashes,
-        "lockstep_differences": found, "load_before": load, "load_after": [round(x, 2) for x in os.getloadavg()]}}
+        "load_before": load, "load_after": [round(x, 2) for x in os.getloadavg()]}}
 
 
 def _ratios(host: HostRun, seconds: float, windows: int) -> tuple[list[float], list[float]]:
@@ -120,18 +116,6 @@ def _hashes(kind: str, say: Say, processes: bool) -> dict[str, str]:
                               timeout=PATIENCE_S)
         found["another process"] = done.stdout.strip() or f"exit code {done.returncode}"
     return found
-
-
-def _against_processes(say: Say) -> list[str]:
-    """Fields in which a PSM that homes and moves in processes in lock-step differs from one in a host; none should."""
-    say("processes in lock-step", None)
-    file = PROJECT_CONFIGS / "systems" / "demo.yaml"
-    request = StartRequest(file, f"bench-rl-{os.getpid()}", "emulated", sets=(*SETS, "recorder.on=false"))
-    with up_meanwhile(request) as background, LockstepRun(background.system, "PSM1") as lockstep:
-        for word in ("enable", "home"):
-            lockstep.ask("PSM1", "state_command", (), word)
-        lockstep.ask("PSM1", "move_jp", START)
-        return lockstep.differences()
 
 
 def _at(values: list[float], percent: float) -> float:

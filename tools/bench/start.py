@@ -2,8 +2,9 @@
 
 Each figure is the median of some tries, by turns; `_cpu_s` is its CPU time, which depends less on other load.
 `python_s` is an interpreter that does nothing, `numpy_s` one that loads numpy as verbs do: the difference to a verb is
-ours. `up_s` is `trocar up` of the whole robot (two masters, setup joints, ECM, three PSMs, four teleoperations, all
-KINEMATIC), `status_s` looks at it, `idle_status_s` finds that no such system is up.
+ours. `script_s` imports trocar and names `trocar.psm`. `up_s` is `trocar up` of the whole robot (two masters, setup
+joints, ECM, three PSMs, four teleoperations, all KINEMATIC), `status_s` looks at it, `idle_status_s` finds that no such
+system is up.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ def run() -> dict[str, Any]:
     with up_meanwhile(StartRequest(FULL, name)):
         up_s = seconds_since(begin)
         found = by_turns(TRIES, {what: partial(_once, what, *words) for what, words in {
-            "python": ("-c", "pass"), "numpy": ("-c", "import numpy"), "version": (*TROCAR, "--version"),
-            "help": (*TROCAR, "--help"), "idle_status": (*TROCAR, "status", "--system", f"{name}-not"),
+            "python": ("-c", "pass"), "numpy": ("-c", "import numpy"), "script": ("-c", "import trocar; trocar.psm"),
+            "version": (*TROCAR, "--version"), "help": (*TROCAR, "--help"),
+            "idle_status": (*TROCAR, "status", "--system", f"{name}-not"),
             "status": (*TROCAR, "status", "--system", name), "list": (*TROCAR, "list", "--system", name),
         }.items()})
     figures = {key: value for each in found.values() for key, value in each.items()}

@@ -1,14 +1,17 @@
 """`trocar bench system [SYSTEM]`: a whole system at work: rates, missed deadlines and CPU time of every process.
 
-The system is started as `trocar up` does it, all arms are homed, an operator is emulated at every console. Each
-teleoperation must follow once; then, for `--seconds`, the selected ones follow while their masters move all the time.
-Masters without a robot (KINEMATIC) are moved by joint setpoints of ours, 200 a second; our own CPU time is `bench`
-among the processes and no part of the total.
+The system is started as `trocar up` does it (`up_s`), and all arms are homed. An operator is emulated at every console;
+each teleoperation must follow once. There are three windows of `--seconds` each: the arms hold
+(`cpu_percent_rest`), the selected teleoperations follow masters that hold (`cpu_percent_following`), and the masters
+move all the time; all other figures are those of the last window. Masters without a robot (KINEMATIC) are moved by
+joint setpoints of ours, 200 a second; our own CPU time is `bench` among the processes and no part of the total.
 
-`cpu_percent_boards` is that of emulated boards, which a real robot does not need. `io_rate_hz` and `io_missed_percent`
-are those of the worst io; missed are deadlines that passed without a cycle, of all deadlines. CPU time is the kernel's
-count for a process in the window; 100 % is one core. `locked_mb` is the locked memory of all processes (VmLck); shared
-memory counts for the supervisor, which locks it.
+`cpu_percent_boards` is that of emulated boards, which a real robot does not need; it is no part of the figures of the
+first two windows. `io_rate_hz` and `io_missed_percent` are those of the worst io; missed are deadlines that passed
+without a cycle, of all deadlines. CPU time is the kernel's count for a process in the window; 100 % is one core.
+`arm_period_p99_us` is that of the worst arm that follows or is followed, in the last second. `pss_mb` is the memory of
+the supervisor and all its processes, a page that n processes share counted as 1/n in each; `locked_mb` is the locked
+memory of all processes (VmLck); shared memory counts for the supervisor, which locks it.
 """
 
 from __future__ import annotations
@@ -25,9 +28,9 @@ from trocar.shm.mailbox.client import MailboxFull
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.system.events import ERROR, WARNING
-from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
-from trocar.tools.bench.measuring import FULL, cpu_s, home_all, seconds_since
+from trocar.tools.bench.measuring import FULL, cpu_s, home_all, pss_mb, seconds_since
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.following import beats
 from trocar.tools.examples.operator_sim import OperatorSim, Sway, seats
@@ -36,9 +39,11 @@ from trocar.tools.inspect.watch import Watch, powered_names
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import counted, number, plain, table
 from trocar.tools.systems.find import instances_of_kind, system_file
+from trocar.tools.systems.processes import SUPERVISOR
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
-SECONDS = 60.0
+SECONDS = 20.0
+SETTLE_S = 1.0  # after homing, until arms rest
 MOVES_HZ = 200.0
 REPORTED = 1024  # newest events of a process that are looked at
 KEPT_TEXTS = 5
@@ -49,19 +54,23 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
         sets: tuple[str, ...] = ()) -> dict[str, Any]:
     """Measure."""
     name = f"bench-system-{os.getpid()}"
+    begin = monotonic_ns()
     with up_meanwhile(StartRequest(system_file(file, paths), name, boards, paths, (*sets, "clock=wall"))):
-        begin = monotonic_ns()
+        up_s, begin = seconds_since(begin), monotonic_ns()
         refusals = home_all(name)
         homed_s = seconds_since(begin)
+        pause(SETTLE_S)
+        costs = {"up_s": up_s, "cpu_percent_rest": _cpu_percent(name, seconds)}
         with seats(name) as taken:
             for seat in taken:
                 seat.begin()
                 seat.wait()
             followed = [teleop for seat in taken for teleop in seat.try_all()]
+            costs["cpu_percent_following"] = _cpu_percent(name, seconds)
             found = _measure(name, taken, seconds)
         with contextlib.suppress(Problem):
             bring_all(name, (), DISABLED)
-    return {**found, "conditions": {
+    return {**found, "figures": {**costs, **found["figures"]}, "conditions": {
         "system": str(file), "boards": boards or "as the file says", "seconds": seconds, "homed_after_s": homed_s,
         "homing_failed_before": refusals, "teleops_tried": followed, "sets": list(sets),
         "fifo_share_us": FIFO_SHARE.read_text(encoding="utf-8").strip() if FIFO_SHARE.exists() else ""}}
@@ -115,13 +124,17 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
         after, passed_s = marks(system), (monotonic_ns() - begin) * 1e-9
         rows = [row(name, before[name], after[name]) for name in after if name in before]
         bench = {"name": "bench", "kind": "bench", "cpu_percent": (cpu_s(os.getpid()) - used) / passed_s * 100.0}
+        arms = [arm for teleop in chosen for arm in (*teleop.masters, teleop.slave)]
+        worst_s = max((_period_p99_s(system, arm) for arm in arms), default=0.0)
         following = [teleop.name for teleop in chosen if teleop.is_following]
         missing = [teleop.reported for teleop in chosen if not teleop.is_following]
         errors = {name: each.count(ERROR) for name, each in reported.items()}
         warnings = {name: each.count(WARNING) for name, each in reported.items()}
         homed = [name for name in powered_names(system) if _shows(system, name, "is_homed")]
+        (supervisor,) = (process.pid for process in statuses(system) if process.name == SUPERVISOR)
     return {
-        "figures": {**figures(rows), "arms": len(homed), "teleops": len(following),
+        "figures": {**figures(rows), "arm_period_p99_us": worst_s * 1e6, "pss_mb": pss_mb(supervisor),
+                    "arms": len(homed), "teleops": len(following),
                     "errors": sum(count for count, _ in errors.values()),
                     "warnings": sum(count for count, _ in warnings.values())},
         "homed": homed, "following": following, "processes": [*rows, bench],
@@ -130,6 +143,15 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
         "problems": [*_problems(system, homed, missing, errors, before, after),
                      *(f"{name} did not take {count} of the goals that it was sent" for name, count in untaken)],
     }
+
+
+def _cpu_percent(system: str, seconds: float) -> float:
+    """CPU time of all processes but emulated boards in a window in which we send nothing; 100: one core."""
+    before = marks(system)
+    pause(seconds)
+    after = marks(system)
+    rows = [row(name, before[name], after[name]) for name in after if name in before]
+    return float(figures(rows)["cpu_percent_without_boards"])
 
 
 def swing(sways: Sequence[Sway], seconds: float) -> list[tuple[str, int]]:
@@ -221,6 +243,11 @@ def _kinematic(system: str, masters: list[str]) -> list[str]:
 def _shows(system: str, name: str, flag: str) -> bool:
     with Watch(system, name) as watch:
         return watch.look() and watch.flag(flag)
+
+
+def _period_p99_s(system: str, arm: str) -> float:
+    with contextlib.closing(ControlPage(system, arm)) as page:
+        return float(page.get("period_p99"))
 
 
 def _locked_mb(pid: int) -> float:

@@ -36,7 +36,7 @@ class Aio:
     """An object whose methods are awaited: `await psm.measured_cp()`, `await psm.jaw.open()`; an async context manager.
 
     Each call runs in a thread beside the event loop, eight at a time, so that `hold` need not wait for a `home`; each
-    thread has its own object, and `at` another machine its own connection.
+    thread has its own object and, with `at`, its own connection.
     """
 
     def __init__(self, make: Callable[[], Any]) -> None:
@@ -80,7 +80,7 @@ class Aio:
         return self._own.object
 
     async def events(self, *names: str) -> AsyncIterator[tuple[str, Mapping[str, Any]]]:
-        """Each event of these names from now on, with its name, in order."""
+        """Yield each event of these names from now on, with its name, in order."""
         came: deque[tuple[str, Mapping[str, Any]]] = deque()
         loop, thread = asyncio.get_running_loop(), ThreadPoolExecutor(1, "trocar-events")
         try:
@@ -99,14 +99,14 @@ class Aio:
             thread.shutdown(wait=False)
 
     async def close(self) -> None:
-        """Detach after calls under way have ended; moves need not be at their goals."""
+        """Detach once running calls have returned; does not wait for moves to reach their goals."""
         self._is_over.set()
         await asyncio.get_running_loop().run_in_executor(None, self._threads.shutdown)
         for made in self._made:
             made.close()
 
     async def __aenter__(self) -> Self:
-        """Attached from here on; failures to attach raise as without `aio`."""
+        """Attach; failures raise the same errors as without `aio`."""
         await asyncio.get_running_loop().run_in_executor(self._threads, self._object)
         return self
 

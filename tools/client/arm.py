@@ -19,11 +19,15 @@ LIMITED: Final = ("at its limit: ", CLIPPED)
 
 
 class Arm(Instance, Joints):
-    """Reads and commands of an arm. Poses are in the reference frame, those of `local` in the arm's base."""
+    """Read and command an arm. Poses are in the reference frame, those of `local` in the arm's base frame.
 
-    def __init__(self, system: str | Ways, name: str) -> None:
+    `frame`: the frame of a command's values, e.g. "PSM1_base", as over ROS (docs/ros.md); by default, the
+    reference frame. Refused for a frame that the arm does not know.
+    """
+
+    def __init__(self, ways: Ways, name: str) -> None:
         """Attach; Problem or SegmentError when the arm is not there (yet)."""
-        Instance.__init__(self, system, name)
+        Instance.__init__(self, ways, name)
         Joints.__init__(self, self._record, "")
         self.local = Local(self._record, self._remote)
         self.body = Body(self._record, self._remote, "body")
@@ -53,27 +57,27 @@ class Arm(Instance, Joints):
         """The same as `body.measured_cf`."""
         return self.body.measured_cf()
 
-    def move_cp(self, pose: ArrayLike) -> MoveHandle:
-        """Move to a tip pose (4, 4), joints in a straight line."""
-        return move(self._waits, self._remote, "move_cp", pose_numbers(pose))
+    def move_cp(self, pose: ArrayLike, frame: str = "") -> MoveHandle:
+        """Move to a tip pose (4, 4), in a straight line in joint space."""
+        return move(self._waits, self._remote, "move_cp", pose_numbers(pose), frame)
 
-    def move_cr(self, change: ArrayLike) -> MoveHandle:
+    def move_cr(self, change: ArrayLike, frame: str = "") -> MoveHandle:
         """Move the tip by a translation and a rotation about itself (4, 4)."""
-        return move(self._waits, self._remote, "move_cr", pose_numbers(change))
+        return move(self._waits, self._remote, "move_cr", pose_numbers(change), frame)
 
-    def servo_cp(self, pose: ArrayLike, twist: ArrayLike | None = None) -> None:
+    def servo_cp(self, pose: ArrayLike, twist: ArrayLike | None = None, frame: str = "") -> None:
         """Follow a tip pose (4, 4) now, with its optional twist (6,)."""
         values = pose_numbers(pose)
         if twist is not None:
             values = np.concatenate((values, six_numbers(twist, "a twist")))
-        self._follow("servo_cp", values)
+        self._follow("servo_cp", values, frame)
 
-    def servo_cr(self, change: ArrayLike) -> None:
-        """Follow the setpoint pose, shifted and turned about its tip (4, 4)."""
-        self._follow("servo_cr", pose_numbers(change))
+    def servo_cr(self, change: ArrayLike, frame: str = "") -> None:
+        """Follow the setpoint pose plus a translation and a rotation about its tip (4, 4)."""
+        self._follow("servo_cr", pose_numbers(change), frame)
 
     def servo_cs(self, pose: ArrayLike | None = None, twist: ArrayLike | None = None,
-                 wrench: ArrayLike | None = None) -> None:
+                 wrench: ArrayLike | None = None, frame: str = "") -> None:
         """Follow a pose (4, 4), with optional twist (6,) and wrench (6,); without a pose: apply the wrench."""
         values = np.zeros(7 + 6 + 6 + 3)
         if pose is not None:
@@ -83,15 +87,15 @@ class Arm(Instance, Joints):
         if wrench is not None:
             values[13:19] = six_numbers(wrench, "a wrench")
         values[19:] = pose is not None, twist is not None, wrench is not None
-        self._follow("servo_cs", values)
+        self._follow("servo_cs", values, frame)
 
-    def servo_cf(self, wrench: ArrayLike) -> None:
+    def servo_cf(self, wrench: ArrayLike, frame: str = "") -> None:
         """The same as `body.servo_cf`."""
-        self._remote.ask("servo_cf", six_numbers(wrench, "a wrench"))
+        self._remote.ask("servo_cf", six_numbers(wrench, "a wrench"), frame)
 
-    def servo_ci(self, impedance: Impedance) -> None:
-        """Push as springs and dampers about a place and an orientation do, for `arm.effort_timeout_s` (0.1 s)."""
-        self._remote.ask("servo_ci", impedance.numbers())
+    def servo_ci(self, impedance: Impedance, frame: str = "") -> None:
+        """Apply spring-damper forces about a position and an orientation, for `arm.effort_timeout_s` (0.1 s)."""
+        self._remote.ask("servo_ci", impedance.numbers(), frame)
 
     # joints
 
@@ -117,12 +121,12 @@ class Arm(Instance, Joints):
         self._follow("servo_jv", numbers(velocity))
 
     def servo_jf(self, effort: ArrayLike) -> None:
-        """Apply joint efforts (n,), N·m and N, for `arm.effort_timeout_s` (0.1 s); zeros until another command."""
+        """Apply joint efforts (n,), N·m and N, for `arm.effort_timeout_s` (0.1 s); zeros do not time out."""
         self._remote.ask("servo_jf", numbers(effort))
 
-    def _follow(self, command: str, values: ArrayLike) -> None:
+    def _follow(self, command: str, values: ArrayLike, frame: str = "") -> None:
         """A goal of a stream. That it cannot be reached is warned of (`Clipped`), once until one is reached again."""
-        answer = self._remote.ask(command, values).text
+        answer = self._remote.ask(command, values, frame).text
         is_limited = answer.startswith(LIMITED)
         if is_limited and not self._is_limited:
             warn(f"{self.name} {command}: {answer}", Clipped)
@@ -133,7 +137,7 @@ class Arm(Instance, Joints):
         self._remote.ask("hold")
 
     def free(self) -> None:
-        """Zero efforts except for the arm's weight; it can be moved by hand."""
+        """Zero efforts except gravity compensation; the arm can be moved by hand."""
         self._remote.ask("free")
 
     def pause(self, timeout: float = 10.0) -> None:
@@ -153,11 +157,11 @@ class Arm(Instance, Joints):
         self._remote.ask("trajectory_j/set_ratio", (ratio,))
 
     def trajectory_j_set_ratio_v(self, ratio: float) -> None:
-        """Speed alone."""
+        """Like `trajectory_j_set_ratio`, for speed only."""
         self._remote.ask("trajectory_j/set_ratio_v", (ratio,))
 
     def trajectory_j_set_ratio_a(self, ratio: float) -> None:
-        """Acceleration alone."""
+        """Like `trajectory_j_set_ratio`, for acceleration only."""
         self._remote.ask("trajectory_j/set_ratio_a", (ratio,))
 
     def trajectory_j_get_ratio(self) -> float:
@@ -165,11 +169,11 @@ class Arm(Instance, Joints):
         return self._ratio("trajectory_ratio")
 
     def trajectory_j_get_ratio_v(self) -> float:
-        """That of the speed."""
+        """The speed ratio in use."""
         return self._ratio("trajectory_ratio_v")
 
     def trajectory_j_get_ratio_a(self) -> float:
-        """That of the acceleration."""
+        """The acceleration ratio in use."""
         return self._ratio("trajectory_ratio_a")
 
     def _ratio(self, field: str) -> float:
@@ -180,7 +184,7 @@ class Arm(Instance, Joints):
         self._remote.ask("use_gravity_compensation", (float(on),))
 
     def set_base_frame(self, pose: ArrayLike | None, frame: str = "") -> None:
-        """Pose (4, 4) of the arm's base in a reference frame of this name; None: unknown, only `local` is valid."""
+        """Set the pose (4, 4) of the arm's base in a reference frame of this name; None: unknown (`local` only)."""
         self._remote.ask("set_base_frame", () if pose is None else pose_numbers(pose), frame)
 
     def reference_frame(self) -> str:
@@ -190,7 +194,7 @@ class Arm(Instance, Joints):
     # queries; no motion
 
     def forward_kinematics(self, position: ArrayLike) -> Array:
-        """Pose (4, 4) of the tip at joint positions (n,); with fewer of them, of the frame after the last."""
+        """Pose (4, 4) of the tip at joint positions (n,); with fewer positions: of the frame after the last of them."""
         return asked_pose(self._remote, "forward_kinematics", position)
 
     def inverse_kinematics(self, seed: ArrayLike, pose: ArrayLike) -> Array:
@@ -205,5 +209,5 @@ class Arm(Instance, Joints):
         return asked(self._remote, "actuator_to_joint_position", position)
 
     def crtk_version(self) -> str:
-        """Version of the commands' meaning."""
+        """Version of CRTK that the commands follow."""
         return self._remote.ask("crtk_version").text

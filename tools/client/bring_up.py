@@ -1,35 +1,29 @@
 """Arms brought to a state through their `state_command`, several at a time: enabled, homed or disabled.
 
-Faulty arms are disabled first. Success is checked in the arms' own state records, power-off in io's.
+Arms in FAULT are disabled first. Success is checked in the arms' own state records, power-off in io's.
 """
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from trocar.procs.tables.bring_up import (
-    DISABLE,
-    DISABLED,
-    ENABLE,
-    HOME,
-    LIMITS_S,
-    WORDS,
-    next_word,
-    reached,
-)
+from trocar.procs.tables import bring_up as rule
+from trocar.shm.commands import became
 from trocar.shm.mailbox.client import begin
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.deadline import Deadline
-from trocar.tools.client.remote import Remote
+from trocar.tools.client.remote import NO_ANSWER, Remote
 from trocar.tools.inspect.watch import Amplifiers, Watch, powered_names
-from trocar.tools.output.errors import Problem, Refused
+from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import Say
 from trocar.tools.systems.find import is_simulated, orphaned
 
 POLL_S = 0.02
-CONTINUES = {HOME: "arms may move", ENABLE: "arms may still get power", DISABLE: "arms may still lose power"}
+ANSWER_S = 2.0
+CONTINUES = {rule.HOME: "arms may move", rule.ENABLE: "arms may still get power",
+             rule.DISABLE: "arms may still lose power"}
 PATIENCE_NS = 1_000_000_000  # a shorter wait is not reported
 Report = Callable[[str], None]
 
@@ -50,65 +44,66 @@ class ArmBringUp:
     simulated: bool
     over: bool = False
     problem: str = ""
-    asked: list[str] = field(default_factory=list)
+    asked: str = ""
+    _number: int = 0
+    _outcome: str = ""
+    """Of the word `asked` last."""
+    _refusal: str = ""
+    """Why it was refused or failed."""
     _deadline: Deadline | None = None
     _waits: str = ""
     _reported: str = ""
     _since_ns: int = 0
 
     def step(self) -> None:
-        """Look, and send the next command once."""
-        if not self.watch.look():
-            self._check_time(self.watch.problem() or "it has not shown its state")
-            return
-        state, busy = self.watch.state, self.watch.busy
-        if reached(WORDS[self.goal], state, self.watch.homed, busy):
-            problem = self.watch.problem()  # the record of a crashed or hanging process stays unchanged
-            problem = problem or (self.amplifiers.why_not_off() if self.goal == DISABLED else "")
+        """Look, and send the next command once; its answer is awaited in later steps."""
+        watch, aim, refusal = self.watch, (rule.WORDS[self.goal], self.asked), self._refusal
+        self._hear()
+        state = watch.state if watch.look() else ""
+        is_heard = not self.asked or (self._outcome and not self._refusal)
+        if is_heard and rule.reached(*aim, self._outcome == "done", state, watch.homed, watch.busy):
+            problem = watch.problem()  # the record of a crashed or hanging process stays unchanged
+            problem = problem or (self.amplifiers.why_not_off() if self.goal == rule.DISABLED else "")
+            self.over = not problem
             if problem:
-                self._check_time(problem)
-            else:
-                self.over = True
-        elif state == "FAULT" and self.asked and self.asked[-1] != "disable":
-            self._fail(self.watch.last_error() or "it went to FAULT without a reason")
+                self._check_time(f"not {self.goal} in time; {problem}")
+        elif problem := rule.obstacle(*aim, state, watch.name, watch.text("reason")):
+            self._fail((state == "FAULT" and watch.last_error()) or problem)
+        elif refusal:  # of the step before: a fault shows in the record by now
+            self._fail(refusal)
+        elif (word := rule.next_word(*aim, state)) and not self.remote.is_starting:
+            self._ask(word)
         else:
-            word = self._next_word(state, busy)
-            if word and word not in self.asked:
-                self._ask(word)
-            else:
-                waits, inner = self.waits, self.watch.text("sub_state")
-                shown = state if inner in ("", state) else f"{state} ({inner})"
-                self._check_time(f"it waits: {waits}" if waits else f"it is {shown}")
-
-    def _next_word(self, state: str, busy: bool) -> str:
-        word = next_word(WORDS[self.goal], state)
-        if state == "PAUSED" and word != DISABLE:
-            self._fail(f"it is PAUSED; first: trocar send {self.watch.name} state_command resume")
-        return "" if word == ENABLE and busy else word
+            self._check_time(rule.late(aim[0], state, watch.text("sub_state"), watch.text("reason"), watch.problem()))
 
     def _ask(self, word: str) -> None:
-        self.asked.append(word)
-        self._deadline = self._limit(word)
+        self.asked, self._outcome, self._refusal, self._deadline = word, "", "", self._limit(ANSWER_S)
         self.watch.forget_errors()
         try:
-            self.remote.ask("state_command", text=word)
-        except Refused as refusal:
-            self._fail(f"{word} was refused: {refusal}")
+            self._number = self.remote.post("state_command", text=word)
         except Problem as problem:
             self._fail(str(problem))
 
-    def _limit(self, word: str) -> Deadline:
-        return Deadline(self.limit_s or LIMITS_S[word], (lambda: self.watch.stamp_ns) if self.simulated else None)
+    def _hear(self) -> None:
+        for reply in self.remote.replies_to(self._number):
+            self._deadline = self._deadline if self._outcome else self._limit()
+            self._outcome = reply.outcome
+            if reply.outcome in ("refused", "failed"):
+                self._refusal = f"{self.asked} {became(reply.outcome)}: {reply.text}"
+
+    def _limit(self, seconds: float = 0.0) -> Deadline:
+        return Deadline(seconds or self.limit_s or rule.LIMITS_S[self.asked],
+                        (lambda: self.watch.stamp_ns) if self.simulated else None)
 
     def _check_time(self, how: str) -> None:
+        self._deadline = self._deadline or self._limit()
         if self.watch.problem() and (lost := orphaned(self.watch.system)):
             self._fail(lost)
-            return
-        self._deadline = self._deadline or self._limit(WORDS[self.goal])
-        if self._deadline.is_over():
+        elif self._deadline.is_over():
             error = self.watch.last_error()
-            known = f": {error}" if error and not how.startswith("it waits") else ""
-            self._fail(f"not {self.goal} in time; {how}{known}")
+            known = f": {error}" if error and not self.waits else ""
+            is_silent = self.asked and not self._outcome
+            self._fail(NO_ANSWER.format("state_command", ANSWER_S) if is_silent else how + known)
 
     def _fail(self, why: str) -> None:
         self.over, self.problem = True, why.removeprefix(f"{self.watch.name}: ")
@@ -116,7 +111,7 @@ class ArmBringUp:
     @property
     def waits(self) -> str:
         """The condition the arm waits for, in its own words; empty: none."""
-        return "" if self.watch.state == "FAULT" else self.watch.text("reason")
+        return rule.waits_for(self.watch.state, self.watch.text("reason"))
 
     def line(self) -> str:
         """The arm in a word or two, for a progress line."""
@@ -142,18 +137,15 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
     """
     simulated, whole = is_simulated(system), begin(system)
     with contextlib.ExitStack() as stack:
-        bring_ups = [
-            ArmBringUp(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)),
-                       stack.enter_context(Amplifiers(system, name)), goal, limit_s, simulated)
-            for name in names
-        ]
+        attach = stack.enter_context
+        bring_ups = [ArmBringUp(attach(Watch(system, name)), attach(Remote(system, name)),
+                                attach(Amplifiers(system, name)), goal, limit_s, simulated) for name in names]
         for bring_up in bring_ups:
             bring_up.remote.on_behalf(whole)
         try:
-            while not all(bring_up.over for bring_up in bring_ups):
-                for bring_up in bring_ups:
-                    if not bring_up.over:
-                        bring_up.step()
+            while under_way := [bring_up for bring_up in bring_ups if not bring_up.over]:
+                for bring_up in under_way:
+                    bring_up.step()
                 for news in filter(None, [bring_up.news(monotonic_ns()) for bring_up in bring_ups]):
                     report(news)
                 done = sum(bring_up.over for bring_up in bring_ups) / len(bring_ups)
@@ -167,8 +159,8 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
 def _left(bring_ups: Sequence[ArmBringUp]) -> str:
     """The effect of ending the wait before every arm has received its last command; empty: every arm has it."""
     under_way = [bring_up for bring_up in bring_ups if not bring_up.over]
-    last = {bring_up.asked[-1] for bring_up in under_way if bring_up.asked}
-    missed = [bring_up.watch.name for bring_up in under_way if WORDS[bring_up.goal] not in bring_up.asked]
+    last = {bring_up.asked for bring_up in under_way}
+    missed = [bring_up.watch.name for bring_up in under_way if rule.WORDS[bring_up.goal] != bring_up.asked]
     effects = [text for word, text in CONTINUES.items() if word in last]
     return ", ".join((*effects, *missed)) + f" will not be {under_way[0].goal}" if missed else ""
 

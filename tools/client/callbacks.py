@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from trocar.procs.crtk.names import none_such
+from trocar.shm.memory.closable import Closable
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.deadline import seconds
 from trocar.tools.client.ways import EventWay
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 POLL_S: Final = 0.002
@@ -93,9 +93,9 @@ class Reporting(Closable):
     _callbacks: Callbacks
 
     def on_event(self, event: str, callback: Callback | None) -> None:
-        """Have `callback` called with each event of this name from now on, a mapping as `trocar echo --json` has it.
+        """Call `callback` with each event of this name from now on, a mapping as shown by `trocar echo --json`.
 
-        None: end that. It runs in your own calls: `process_events`, and waits of this object. Problem names the events.
+        None: stop. It runs inside `process_events` and waits of this object. Problem lists the existing events.
         """
         self._callbacks.set(event, callback)
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import socket
-import ssl
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.client.deadline import Deadline
 from trocar.tools.client.values import FRESH_S
 from trocar.tools.output.errors import Disconnected, Problem, closed
+
+if TYPE_CHECKING:
+    import ssl
 
 PORT: Final = 7380
 KEPT: Final = 1000
@@ -63,7 +65,7 @@ class BridgeConnection:
             except OSError as error:
                 raise self._gone(error) from None
             if not data:
-                raise self._gone("it has closed the connection")
+                raise self._gone("it closed the connection")
             self._rest += data
         *lines, self._rest = self._rest.split(b"\n")
         for line in lines:
@@ -77,7 +79,7 @@ class BridgeConnection:
             message = json.loads(line)
             op, number = message["op"], message.get("id")
         except (ValueError, TypeError, KeyError, AttributeError):
-            raise self._gone(f"it is not a bridge of Trocar, it answers {line[:40]!r}") from None
+            raise self._gone(f"not a Trocar bridge: it answered {line[:40]!r}") from None
         if isinstance(number, int):
             self._heard.setdefault(number, []).append(message)
         elif op == "record":

@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trocar.procs.crtk.names import none_such
-from trocar.procs.kinematics.poses import matrix_from_pose
 from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.procs.tables.bring_up import DISABLE, DISABLED, LIMITS_S, WORDS, late, next_word, obstacle, reached
 from trocar.shm.commands import ENDINGS, became
 from trocar.shm.mailbox.messages import Reply
 from trocar.tools.client.connection import BridgeConnection
-from trocar.tools.client.values import FRESH_S, Array, JointState, Stamped, numbers
+from trocar.tools.client.values import FRESH_S, Array, numbers
+from trocar.tools.client.ways import InstanceRecord, ShownState
 from trocar.tools.output.errors import Disconnected, NotThere, Problem, Refused
 
 EVENT: Final = "event"
 AROUND: Final = ("op", "topic", "age_s")
 """Fields of a received record that an event does not have."""
 STEP_S: Final = 0.2
-STEPS: Final = {"disabled": ("disable",), "enabled": ("enable",), "homed": ("enable", "home")}
+LOOK_S: Final = 0.005
 PARTS: Final = {"pose": ("position", "orientation"), "twist": ("linear", "angular"), "wrench": ("force", "torque")}
 FLAGS: Final = {"gripper/closed": "closed", "orientation_locked": "locked"}
 
@@ -80,100 +81,67 @@ class DistantRemote:
 
 
 @dataclass(frozen=True, slots=True)
-class DistantShown:
-    """A state record as received."""
+class DistantView:
+    """A view as received."""
 
     row: Mapping[str, Any]
-
-    @property
-    def state(self) -> str:
-        """The operating state."""
-        return str(self.row["state"])
-
-    @property
-    def homed(self) -> bool:
-        """Whether the arm is homed and powered."""
-        return bool(self.row["is_homed"])
-
-    @property
-    def busy(self) -> bool:
-        """Whether a move or transition is in progress."""
-        return bool(self.row["is_busy"])
 
     @property
     def stamp_ns(self) -> int:
         """When it was written, on the clock of its machine."""
         return int(self.row["stamp_ns"])
 
-    def text(self, field: str) -> str:
-        """A text field."""
-        return str(self.row[field])
+    def part(self, name: str) -> Array:
+        """A part of it; null as NaN."""
+        return np.concatenate([np.array(self.row[key] if self.row[key] is not None else [], dtype=np.float64)
+                               for key in PARTS.get(name, (name,))])
 
-    def number(self, field: str) -> float:
-        """A field that is one number."""
-        return _number(self.row[field])
+    def labels(self) -> list[str]:
+        """Its joint names."""
+        return [str(name) for name in self.row["name"]]
 
 
-class DistantRecord:
+class DistantRecord(InstanceRecord):
     """The records of one instance; every read requests the newest record."""
 
     def __init__(self, connection: BridgeConnection, name: str) -> None:
         """Problem if there is no such record."""
-        self._connection, self._name = connection, name
+        super().__init__(name)
+        self._connection = connection
         self.look()
 
     def _read(self, topic: str) -> dict[str, Any]:
         row = self._connection.ask("read", topic=f"{self._name}/{topic}")
-        age_s = row["age_s"]
-        if age_s is None or age_s > FRESH_S:
-            raise TimeoutError(f"{self._name} has not shown its state for {FRESH_S:g} s")
+        if not is_fresh(row):
+            raise self._too_old()
         return row
 
-    def look(self) -> DistantShown:
-        """The newest record; TimeoutError if it is too old."""
-        return DistantShown(self._read("state"))
+    def look(self) -> ShownState:
+        """See InstanceRecord."""
+        return _shown(self._read("state"))
 
     def row(self) -> Mapping[str, Any]:
-        """The newest record as plain values; TimeoutError if it is too old."""
+        """The newest state record as plain values; TimeoutError if it is too old."""
         return self._read("state")
 
-    def stamp_ns(self) -> int:
-        """The robot's time in the newest record, of any age; 0: there is none."""
-        return self._connection.stamp_ns(self._name)
-
     def is_fresh(self) -> bool:
-        """Whether there is a new one."""
+        """Whether there is a new record."""
         try:
             self.look()
         except (TimeoutError, Problem):
             return False
         return True
 
-    def _valid(self, view: str) -> dict[str, Any]:
-        row = self._read(view)
+    def stamp_ns(self) -> int:
+        """The robot's time in the newest record, of any age; 0: there is none."""
+        return self._connection.stamp_ns(self._name)
+
+    def view(self, name: str) -> DistantView:
+        """See InstanceRecord."""
+        row = self._read(name)
         if not row.get("valid", True):
-            raise TimeoutError(f"{self._name}/{view} is not valid now (is the arm powered and homed?)")
-        return row
-
-    def part(self, view: str, name: str) -> Stamped:
-        """A part of a view; TimeoutError if it is too old or not valid now."""
-        row = self._valid(view)
-        found = [_array(row[key]) for key in PARTS.get(name, (name,))]
-        return found[0] if len(found) == 1 else np.concatenate(found), int(row["stamp_ns"])
-
-    def pose(self, view: str) -> Stamped:
-        """The pose (4, 4) that a view shows."""
-        pose, stamp_ns = self.part(view, "pose")
-        return matrix_from_pose(pose), stamp_ns
-
-    def joint_state(self, view: str) -> tuple[JointState, int]:
-        """Joint values of a view."""
-        row = self._valid(view)
-        return JointState(*(_array(row[name]) for name in JointState._fields)), int(row["stamp_ns"])
-
-    def joint_names(self, view: str) -> list[str]:
-        """Names of the joints of a view."""
-        return [str(name) for name in self._valid(view)["name"]]
+            raise self._invalid(name)
+        return DistantView(row)
 
     def reported(self, event: str) -> bool:
         """The last flag of an event of this name; False if there was none."""
@@ -190,7 +158,7 @@ class DistantRecord:
         return [words[1] for words in topics if words[0] == self._name and words[2:] == ["measured_js"]]
 
     def close(self) -> None:
-        """Leave."""
+        """Detach, and end all subscriptions."""
         self._connection.close()
 
 
@@ -254,10 +222,6 @@ class DistantWays:
         """Commands to it."""
         return DistantRemote(self.connection, name)
 
-    def rows(self, name: str) -> DistantRecord:
-        """The same, for an instance that is not an arm."""
-        return DistantRecord(self.connection, name)
-
     def events(self, name: str) -> DistantEvents:
         """Events of an instance."""
         return DistantEvents(self.connection, name)
@@ -269,29 +233,45 @@ class DistantWays:
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem gives the reason for a failure."""
-        record, remote = DistantRecord(self.connection, name), self.remote(name)
-        now = record.look()
-        steps = (("disable",) if now.state == "FAULT" and goal != "disabled" else ()) + STEPS[goal]
-        for word in steps:
-            if word == "enable" and record.look().state == "ENABLED":
-                continue
-            reply = remote.settled("state_command", text=word, timeout=timeout)
-            if reply.outcome != "done":
-                raise Problem(f"{name}: {word} {became(reply.outcome)}: {reply.text}")
+        if goal == DISABLED:  # also if its record is old
+            self._settle(name, DISABLE, timeout)
+            return
+        asked, limit = "", self.connection.deadline(name, timeout or LIMITS_S[""])
+        while not reached(WORDS[goal], asked, True, (now := self._now(name)).state, now.homed, now.busy):
+            if problem := obstacle(WORDS[goal], asked, now.state, name, now.text("reason")):
+                raise Problem(f"{name}: {problem}")
+            if word := next_word(WORDS[goal], asked, now.state):
+                self._settle(name, word, timeout)
+                asked, limit = word, self.connection.deadline(name, timeout or LIMITS_S[word])
+            elif limit.is_over():
+                how = late(WORDS[goal], now.state, now.text("sub_state"), now.text("reason"))
+                raise Problem(f"{name}: {how}")
+            else:
+                self.connection.hear(LOOK_S)
+
+    def _now(self, name: str) -> ShownState:
+        """The newest record of an arm; without a state if it is old, which may pass within the time limit."""
+        row = self.connection.ask("read", topic=f"{name}/state")
+        return _shown(row if is_fresh(row) else {**row, "state": ""})
+
+    def _settle(self, name: str, word: str, timeout: float) -> None:
+        reply = self.remote(name).settled("state_command", text=word, timeout=timeout or LIMITS_S[word])
+        if reply.outcome != "done":
+            raise Problem(f"{name}: {word} {became(reply.outcome)}: {reply.text}")
 
     def statistics(self, name: str) -> dict[str, dict[str, float]]:
         """Known on its own machine only."""
-        raise Problem(f"{name}: trocar status on the robot's machine shows it")
+        raise Problem(f"{name}: statistics are not available from here; run trocar status on the robot's machine")
 
     def gripper_zero(self, name: str) -> float:
         """Unknown here: the master's report counts."""
         return math.inf
 
 
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
+def is_fresh(row: Mapping[str, Any]) -> bool:
+    """Whether a received record is fresh."""
+    return row["age_s"] is not None and row["age_s"] <= FRESH_S
 
 
-def _array(value: Any) -> Array:
-    """A received list, null as NaN."""
-    return np.array(value if value is not None else [], dtype=np.float64)
+def _shown(row: Mapping[str, Any]) -> ShownState:
+    return ShownState(row.__getitem__, int(row["stamp_ns"]))

@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
-from typing import Final, TypeVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from trocar.procs.crtk.names import none_such
+from trocar.procs.document.process import processes_of
 from trocar.procs.machine.end_signals import ctrl_c_in_a_line
-from trocar.procs.user.process import UserNode
 from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.deadline import seconds
 from trocar.tools.client.instance import InstanceHandle
-from trocar.tools.client.provider import Handler as Handler
-from trocar.tools.client.provider import Provider as Provider
-from trocar.tools.client.provider import taken
 from trocar.tools.client.shared import SharedWays
 from trocar.tools.client.ways import Ways
 from trocar.tools.client.whole import WholeSystem
-from trocar.tools.inspect.processes import ProcessStatus, statuses
-from trocar.tools.inspect.watch import arm_names, document_of
+from trocar.tools.inspect.watch import arm_names
 from trocar.tools.output.errors import NotThere, PlaceTaken, Problem
 from trocar.tools.systems.find import chosen_system, is_up
 
+if TYPE_CHECKING:
+    from trocar.tools.inspect.processes import ProcessStatus
+
 TRY_AGAIN_S: Final = 0.05
-Process = UserNode
 A = TypeVar("A", bound=InstanceHandle)
 T = TypeVar("T")
 
@@ -47,41 +46,33 @@ class System(WholeSystem):
 
     def status(self) -> list[ProcessStatus]:
         """Every process: state, rate, missed deadlines, restarts, problem."""
+        from trocar.tools.inspect.processes import statuses  # a fifth of the time that `import trocar` takes
+
         return statuses(self.name)
 
 
 def found_here(kind: str, make: Callable[[Ways, str], A], name: str, system: str | None, timeout: float) -> A:
     """The instance `name` of this kind, once it is connected; TimeoutError after `timeout` s."""
-    return connected(lambda: _attached(kind, make, _chosen(system), name), timeout, name)
-
-
-def provide(name: str | UserNode, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,
-            commands: Mapping[str, Handler] | None = None, program: str = "") -> Provider:
-    """Be the arm `name` of a _GENERIC type, or the buttons of a console, in a running system; see Provider.
-
-    A process declared by this name in the system file passes itself instead of the name, in its `setup`.
-
-    `rate`: records a second, kept by `tick`. `commands`: its command handlers, by name. `program`: its name.
-    TimeoutError after `timeout` s if there is no such place; Problem at once if another program has it.
-    """
-    if isinstance(name, UserNode):
-        return Provider(name, commands, program)
-    return connected(lambda: taken(_chosen(system), name, rate, commands, program), timeout, name)
+    return connected(lambda: _attached(kind, make, asked_for(system), name), timeout, name)
 
 
 def system_here(name: str | None = None, timeout: float = 5.0) -> System:
     """A running system, default as in `arm`; TimeoutError if there is none within `timeout` s."""
-    return connected(lambda: System(_chosen(name)), timeout, name or "a system")
+    return connected(lambda: System(asked_for(name)), timeout, name or "a system")
 
 
-def _chosen(system: str | None) -> str:
+def asked_for(system: str | None) -> str:
+    """The selected system: `system` if given, else by the environment or the only one up; Problem as there."""
     return chosen_system(system or os.environ.get("TROCAR_SYSTEM"))
 
 
 def _attached(kind: str, make: Callable[[Ways, str], A], system: str, name: str) -> A:
     """Problem or SegmentError when it is not connected (yet); NotThere where the system is up and has none of the name.
     """
-    known = [row.name for row in document_of(system).processes if row.kind == kind]
+    try:
+        known = [row.name for row in processes_of(directory.document(system)) if row.kind == kind]
+    except ValueError as error:
+        raise Problem(f"system {system}: {error}") from None
     if name not in known:
         raise (NotThere if is_up(system) else Problem)(none_such(kind, name, known))
     found = make(SharedWays(system), name)

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from trocar.procs.crtk.names import none_such
 from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.mailbox.command_row import of_type
-from trocar.tools.client.callbacks import Callbacks, Event, Reporting
+from trocar.tools.client.callbacks import Callbacks, Reporting
 from trocar.tools.client.deadline import is_timeout, seconds
 from trocar.tools.client.moves import Waits
-from trocar.tools.client.ways import RecordWay, RowWay, Ways, ways_of
+from trocar.tools.client.ways import RecordWay, Ways
 
 STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 
@@ -24,29 +24,29 @@ STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 def known_state(state: str, states: Iterable[str] = STATES) -> None:
     """ValueError unless that is one of the `states`, default those of an arm."""
     if state not in states:
-        raise ValueError(f"{state!r} is no state; allowed are {', '.join(states)}")
+        raise ValueError(f"{state!r} is not a state; allowed: {', '.join(states)}")
 
 
 class InstanceHandle(Reporting):
     """A script's handle for one instance of a running system. Each thread must make its own."""
 
-    def __init__(self, ways: Ways, name: str, shown: RecordWay | RowWay,
-                 row: Callable[[], Event] | None = None) -> None:
-        """`shown`: its state, closed with us; `row` as `Callbacks` has it."""
+    def __init__(self, ways: Ways, name: str, *, reports_fields: bool = False) -> None:
+        """Attach; Problem or SegmentError if it is not there (yet). `reports_fields`: changes of its record are events.
+        """
         self._ways, self.name, self.system = ways, name, ways.name
-        self._shown = shown
+        self._record: RecordWay = ways.record(name)
         with contextlib.ExitStack() as stack:
-            stack.callback(shown.close)
+            stack.callback(self._record.close)
             self._remote = ways.remote(name)
             stack.callback(self._remote.close)
-            self._callbacks = Callbacks(ways.events(name), row)
+            self._callbacks = Callbacks(ways.events(name), self._record.row if reports_fields else None)
             stack.callback(self._callbacks.close)
             self._open = stack.pop_all()
-        self._waits = Waits(shown.stamp_ns if ways.is_simulated else None, self._callbacks)
+        self._waits = Waits(self._record.stamp_ns if ways.is_simulated else None, self._callbacks)
 
     def connected(self) -> bool:
         """Whether it shows fresh records."""
-        return self._shown.is_fresh()
+        return self._record.is_fresh()
 
     def check_connections(self, timeout: float = 5.0) -> None:
         """TimeoutError unless it shows fresh records within `timeout` s."""
@@ -60,16 +60,10 @@ class InstanceHandle(Reporting):
 class Instance(InstanceHandle):
     """One arm, or set of setup joints, of a running system; a context manager. Each thread has to make its own."""
 
-    def __init__(self, system: str | Ways, name: str) -> None:
-        """Attach; Problem or SegmentError if it is not there (yet)."""
-        ways = ways_of(system)
-        self._record = ways.record(name)
-        super().__init__(ways, name, self._record)
-
     if not TYPE_CHECKING:  # for names that are unknown before runtime
 
         def __getattr__(self, name: str) -> Callable[..., str]:
-            """A command without a method of its own, by its name with _ for /: arrays and numbers, then its text.
+            """Any other command, called by its name with _ for /; arguments: arrays and numbers, then the text.
 
             The call returns the answer; Refused carries the reason.
             """
@@ -132,7 +126,7 @@ class Instance(InstanceHandle):
         self._waits.until(lambda: self.is_busy() == is_busy, timeout, f"{self.name} is {how} busy")
 
     def state_command(self, word: str) -> None:
-        """enable, disable, home, unhome, pause or resume; Refused if it is not allowed now."""
+        """Send enable, disable, home, unhome, pause or resume; Refused if it is not allowed now."""
         self._remote.ask("state_command", text=word)
 
     def enable(self, timeout: float = 10.0) -> None:
@@ -140,7 +134,7 @@ class Instance(InstanceHandle):
         self._ways.bring(self.name, ENABLED, seconds(timeout))
 
     def disable(self, timeout: float = 10.0) -> None:
-        """Power off and wait until done; also with a wrong timeout, which is an error afterwards."""
+        """Power off and wait until done. An invalid timeout raises ValueError only after that."""
         self._ways.bring(self.name, DISABLED, timeout if is_timeout(timeout) else 0.0)
         seconds(timeout)
 

@@ -32,7 +32,7 @@ class Jaw(Joints):
         self._remote.ask("jaw/servo_jp", numbers(position))
 
     def servo_jf(self, effort: ArrayLike) -> None:
-        """Apply this effort (N·m) for `arm.effort_timeout_s` (0.1 s), 0 until another command.
+        """Apply this effort (N·m) for `arm.effort_timeout_s` (0.1 s); 0 does not time out.
 
         The rest of the arm becomes limp unless it is already in effort mode.
         """
@@ -61,9 +61,9 @@ def inserted(arm: Arm, depth: float) -> Array:
 class Psm(Arm):
     """An arm with an instrument."""
 
-    def __init__(self, system: str | Ways, name: str) -> None:
+    def __init__(self, ways: Ways, name: str) -> None:
         """See `Arm`."""
-        super().__init__(system, name)
+        super().__init__(ways, name)
         self.jaw = Jaw(self._record, self._remote, self._waits)
 
     def insert_jp(self, depth: float) -> MoveHandle:
@@ -71,7 +71,7 @@ class Psm(Arm):
         return move(self._waits, self._remote, "move_jp", inserted(self, depth), called="insert_jp")
 
     def tool(self) -> tuple[str, int]:
-        """The instrument as NAME:MODEL[VERSION] and its time; empty: no known instrument."""
+        """The instrument as NAME:MODEL[VERSION], and the time stamp; empty: no known instrument."""
         watch = self._record.look()
         return watch.text("tool"), watch.stamp_ns
 
@@ -80,11 +80,11 @@ class Psm(Arm):
         self._remote.ask("set_tool_type", text=name)
 
     def emulate_tool_present(self, present: bool = True) -> None:
-        """Emulate that an instrument is inserted; False: its switch counts again."""
+        """Emulate that an instrument is inserted; False: read its switch again."""
         self._remote.ask("emulate_tool_present", (float(present),))
 
     def emulate_adapter_present(self, present: bool = True) -> None:
-        """Emulate that a sterile adapter is attached; False: its switch counts again."""
+        """Emulate that a sterile adapter is attached; False: read its switch again."""
         self._remote.ask("emulate_adapter_present", (float(present),))
 
 
@@ -96,7 +96,7 @@ class Ecm(Arm):
         return move(self._waits, self._remote, "move_jp", inserted(self, depth), called="insert_jp")
 
     def endoscope(self) -> tuple[str, int]:
-        """The endoscope that it takes itself to carry, and when."""
+        """The endoscope type in use, and the time stamp."""
         watch = self._record.look()
         return watch.text("tool"), watch.stamp_ns
 
@@ -114,7 +114,7 @@ class Gripper(Measured):
         self._zero = zero
 
     def closed(self) -> bool:
-        """Whether it is closed, and has been for the time given in its file."""
+        """Whether it has been closed for the time configured in its file."""
         position, _ = self.measured_jp()  # an arm that was restarted meanwhile does not report that it finds it open
         return self._record.reported("gripper/closed") and bool(position[0] <= self._zero)
 
@@ -122,13 +122,13 @@ class Gripper(Measured):
 class Mtm(Arm):
     """A master."""
 
-    def __init__(self, system: str | Ways, name: str) -> None:
+    def __init__(self, ways: Ways, name: str) -> None:
         """See `Arm`."""
-        super().__init__(system, name)
+        super().__init__(ways, name)
         self.gripper = Gripper(self._record, self._ways.gripper_zero(name))
 
     def lock_orientation(self, rotation: ArrayLike) -> None:
-        """Hold the tip's orientation (3, 3) in the reference frame; the place stays free. In Cartesian effort mode."""
+        """Hold the tip's orientation (3, 3) in the reference frame, not its position. Needs Cartesian effort mode."""
         self._remote.ask("lock_orientation", rotation_numbers(rotation))
 
     def lock_orientation_as_is(self) -> None:
@@ -157,15 +157,15 @@ class SetupArm(Measured):
         self.secondary_voltage = Measured(record, f"{name}/secondary_voltage/")
 
     def measured_cp(self) -> Stamped:
-        """Pose (4, 4) in the tip of the reference arm: the carried arm's base frame."""
+        """Pose (4, 4) of the carried arm's base in the frame of the reference arm's tip."""
         return self._record.pose(f"{self._prefix}measured_cp")
 
     def servo_jp(self, position: ArrayLike) -> None:
-        """Be at these joints (n,) from now on; KINEMATIC ones only."""
+        """Set the joint positions (n,); KINEMATIC setup joints only."""
         self._remote.ask("servo_jp", numbers(position), self.name)
 
     def move_jp(self, position: ArrayLike) -> MoveHandle:
-        """The same; it is done at once."""
+        """The same as `servo_jp`; completes immediately."""
         return move(self._waits, self._remote, "move_jp", position, self.name)
 
     def clutch(self, on: bool = True) -> None:
@@ -185,16 +185,16 @@ class SetupLocal:
         return self._record.pose(f"{self._name}/local/measured_cp")
 
     def servo_cp(self, pose: ArrayLike) -> None:
-        """Be at this pose (4, 4) from now on; SUJ_Fixed only."""
+        """Set this pose (4, 4); SUJ_Fixed only."""
         self._remote.ask("local/servo_cp", pose_numbers(pose), self._name)
 
 
 class Suj(Instance):
     """The setup joints of a patient cart: `suj.PSM1`, or `suj.arm("PSM1")`, is one of its arms."""
 
-    def __init__(self, system: str | Ways, name: str) -> None:
+    def __init__(self, ways: Ways, name: str) -> None:
         """Attach; Problem or SegmentError when they are not there (yet)."""
-        super().__init__(system, name)
+        super().__init__(ways, name)
         names = self._record.parts()
         self._arms = {arm: SetupArm(self._record, self._remote, self._waits, arm) for arm in names}
 
@@ -216,11 +216,11 @@ class Suj(Instance):
         return arms[name]
 
     def reference_arm(self) -> str:
-        """The setup arm whose arm's tip is the reference of the base frames."""
+        """The reference setup arm: base frames are relative to the tip of the arm that it carries."""
         return self._record.look().text("reference_arm")
 
     def set_reference_arm(self, name: str) -> None:
-        """Refer base frames to the tip of the arm on this one from now on."""
+        """Make this the reference setup arm: base frames are relative to the tip of the arm that it carries."""
         self._remote.ask("set_reference_arm", text=name)
 
     def set_lift_velocity(self, velocity: float) -> None:

@@ -58,7 +58,7 @@ class MoveHandle:
         """After the move: joints that are not at their goals, with the difference: 17.2° short (pitch). Else empty."""
 
     def is_busy(self) -> bool:
-        """Whether it still moves; Refused when it ended before its goal. A `Short` end is warned of, once."""
+        """Whether it still moves; Refused if it ended before its goal. Issues a `Short` warning once."""
         if self._end is None:
             replies = self._remote.replies_to(self._number)
             self._end = next((reply for reply in replies if reply.outcome in ENDINGS), None)
@@ -73,7 +73,7 @@ class MoveHandle:
     def wait(self, timeout: float = 30.0, *, is_busy: bool = False) -> None:
         """Wait for its end; TimeoutError after `timeout` s, Refused if the move ended before its goal.
 
-        `is_busy`: wait for its begin, as in dvrk_python; with a handle it has begun.
+        `is_busy`: wait for the start instead, as in dvrk_python; returns at once, as the move has started.
         """
         if is_busy:
             return

@@ -65,7 +65,7 @@ class Setpoint:
 
 
 class Joints(Measured, Setpoint):
-    """Both."""
+    """Measured values and setpoints of joints."""
 
 
 class Frame:
@@ -76,23 +76,27 @@ class Frame:
         self._record, self._remote, self._name = record, remote, name
 
     def measured_cf(self) -> Stamped:
-        """Force and torque (6,) that the measured efforts amount to."""
+        """Force and torque (6,) equivalent to the measured efforts."""
         return self._record.part(f"{self._name}/measured_cf", "wrench")
 
     def jacobian(self) -> Stamped:
         """Jacobian (6, n), linear rows first."""
         return self._record.part(f"{self._name}/jacobian", "data")
 
-    def servo_cf(self, wrench: ArrayLike) -> None:
-        """Apply this force and torque (6,), N and N·m, for `arm.effort_timeout_s` (0.1 s); zeros last."""
-        self._remote.ask(f"{self._name}/servo_cf", six_numbers(wrench, "a wrench"))
+    def servo_cf(self, wrench: ArrayLike, frame: str = "") -> None:
+        """Apply this force and torque (6,), N and N·m, for `arm.effort_timeout_s` (0.1 s); zeros do not time out.
+
+        Without a `frame`: of `body` at the tip, in the axes that `set_cf_orientation_absolute` selects; of `spatial` at
+        the origin of the base.
+        """
+        self._remote.ask(f"{self._name}/servo_cf", six_numbers(wrench, "a wrench"), frame)
 
 
 class Body(Frame):
     """Seen from the tip."""
 
     def set_cf_orientation_absolute(self, absolute: bool = True) -> None:
-        """Interpret wrenches of the tip in axes of the reference frame from now on, or in the tip's again."""
+        """Interpret tip wrenches in axes of the reference frame from now on; False: in axes of the tip."""
         self._remote.ask("body/set_cf_orientation_absolute", (float(absolute),))
 
 
@@ -116,7 +120,7 @@ class Local:
         return self._record.part("local/measured_cv", "twist")
 
     def forward_kinematics(self, position: ArrayLike) -> Array:
-        """Pose (4, 4) of the tip at joint positions (n,); with fewer of them, of the frame after the last."""
+        """Pose (4, 4) of the tip at joint positions (n,); with fewer positions: of the frame after the last of them."""
         return asked_pose(self._remote, "local/forward_kinematics", position)
 
 

@@ -11,21 +11,21 @@ from typing import Any
 
 from trocar.shm.commands import ENDINGS, became
 from trocar.shm.mailbox.client import Client, MailboxFull, Reply
+from trocar.shm.memory.closable import Closable
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools.client.deadline import Deadline
 from trocar.tools.inspect.messages import in_full
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem, Refused, closed
 from trocar.tools.systems.find import alive, orphaned
 
 POLL_S = 0.001
-KEPT = 1000
 START_S = 2.0
 SILENT_NS = 300_000_000
 STARTING = ("CREATED", "STARTING")
+NO_ANSWER = "did not answer {} within {:g} s; is it running? (trocar status)"
 ENDED = {"STOPPED": "is not running", "FAILED": "has failed"}
 
 
@@ -37,16 +37,21 @@ class Remote(Client, Closable):
         super().__init__(system, instance)
         self._system = system
         self._time, self._page = SystemTime(system), ControlPage(system, instance)
-        self._kept: dict[int, list[Reply]] = {}
+
+    @property
+    def is_starting(self) -> bool:
+        """Whether it still starts: it refuses commands sent before it ran."""
+        return self._page.state in STARTING
 
     def wait_until_it_runs(self) -> None:
-        """Wait while it starts, because it refuses commands sent before it ran.
+        """Wait while it starts.
 
         Problem if it has been stopped, has failed, or has crashed and has no supervisor to restart it.
         """
         deadline = Deadline(START_S)
-        while (state := self._page.state) in STARTING and not deadline.is_over():
+        while self.is_starting and not deadline.is_over():
             pause(POLL_S)
+        state = self._page.state
         self._check_supervisor(state in ENDED)
         if state in ENDED:
             raise Problem(f"{self.instance} {ENDED[state]}; trocar status says why, trocar start {self.instance} "
@@ -64,30 +69,22 @@ class Remote(Client, Closable):
 
     def replies(self) -> list[Reply]:
         """Answers to all commands that were not collected yet."""
-        self._fetch()
-        found = [reply for replies in self._kept.values() for reply in replies]
-        self._kept.clear()
-        return found
+        return [self._in_full(reply) for reply in self.poll()]
 
     def replies_to(self, number: int) -> list[Reply]:
         """Answers to one command that were not collected yet."""
-        self._fetch()
-        return self._kept.pop(number, [])
+        return [self._in_full(reply) for reply in super().replies_to(number)]
 
-    def _fetch(self) -> None:
-        for reply in self.poll():
-            whole = replace(reply, text=in_full(self._system, self.instance, reply.text))
-            self._kept.setdefault(reply.id, []).append(whole)
-        while len(self._kept) > KEPT:  # answers that are never collected
-            del self._kept[next(iter(self._kept))]
+    def _in_full(self, reply: Reply) -> Reply:
+        return replace(reply, text=in_full(self._system, self.instance, reply.text))
 
     def answered(self, command: str, values: Any = (), text: str = "", timeout: float = 2.0) -> Reply:
         """Send and wait for the first answer: accepted, refused, done or failed; Problem if there is none."""
-        return self._reply_to(self._posted(command, values, text), command, timeout, ())
+        return self._reply_to(self.post(command, values, text), command, timeout, ())
 
     def settled(self, command: str, values: Any = (), text: str = "", timeout: float = 60.0) -> Reply:
         """Send and wait for the end: refused, done or failed; Problem if it does not arrive in time."""
-        return self._reply_to(self._posted(command, values, text), command, timeout, ENDINGS)
+        return self._reply_to(self.post(command, values, text), command, timeout, ENDINGS)
 
     def ask(self, command: str, values: Any = (), text: str = "", timeout: float = 2.0) -> Reply:
         """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
@@ -96,7 +93,8 @@ class Remote(Client, Closable):
             raise Refused(reply.text or f"{self.instance}: {command} {became(reply.outcome)}")
         return reply
 
-    def _posted(self, command: str, values: Any, text: str) -> int:
+    def post(self, command: str, values: Any = (), text: str = "") -> int:
+        """Send once it runs, returns its number; Problem if it cannot be sent."""
         self.wait_until_it_runs()
         try:
             return self.send(command, values, text)
@@ -115,18 +113,18 @@ class Remote(Client, Closable):
             for i, reply in enumerate(replies):
                 last = reply
                 if not wanted or reply.outcome in wanted:
-                    self._kept[number] = replies[i + 1 :]
+                    self.inbox[:0] = replies[i + 1 :]
                     return reply
             if not is_over:
                 self._check_supervisor()
                 pause(POLL_S)
         if last is not None:
             raise Problem(f"{self.instance}: {command} was {last.outcome}, but is not done after {timeout:g} s")
-        raise Problem(f"{self.instance} did not answer {command} within {timeout:g} s; is it running? (trocar status)")
+        raise Problem(f"{self.instance} {NO_ANSWER.format(command, timeout)}")
 
     def close(self) -> None:
         """Detach; the last one of a process frees its place."""
         super().close()
         self._time.close()
         self._page.close()
-        self._desk = self._time = self._page = closed(self.instance)
+        self._place = self._time = self._page = closed(self.instance)

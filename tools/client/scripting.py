@@ -6,11 +6,10 @@ On a machine without our shared memory (Windows, macOS) it has only arms and set
 from __future__ import annotations
 
 import importlib
-import ssl
+import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, overload
 
 from trocar.procs.crtk.names import none_such
 from trocar.procs.machine.end_signals import ctrl_c_in_a_line
@@ -36,86 +35,54 @@ class OnlyHere:
 
     def __init__(self, *given: Any, **named: Any) -> None:
         """Problem names the alternative."""
-        raise Problem('this needs the robot\'s own machine (Linux, posix_ipc); from here: '
+        raise Problem('this needs the robot\'s own machine (Linux); from here: '
                       'trocar.arm(NAME, at="HOST:PORT")')
 
 
-def _has_shared_memory() -> bool:
-    try:
-        importlib.import_module("posix_ipc")
-    except ModuleNotFoundError:
-        return False
-    return True
-
-
 if TYPE_CHECKING:
+    import ssl
+
     from trocar.tools.client.aio import Aio
+    from trocar.tools.client.provider import Handler, Process, Provider, provide
 
-if TYPE_CHECKING or _has_shared_memory():
-    from trocar.tools.client import here
+if TYPE_CHECKING or sys.platform == "linux":
+    from trocar.tools.client.here import System, found_here, system_here
 else:
-    here = SimpleNamespace(**dict.fromkeys(
-        ("Handler", "Process", "Provider", "System", "found_here", "provide", "system_here"), OnlyHere))
-
-Handler = here.Handler
-Process = here.Process
-Provider = here.Provider
-System = here.System
-provide = here.provide
+    System = found_here = system_here = OnlyHere
 
 __all__ = [
-    "Arm",
-    "Clipped",
-    "ConsoleHandle",
-    "Disconnected",
-    "Ecm",
-    "Gains",
-    "Gripper",
-    "Handler",
-    "Impedance",
-    "Jaw",
-    "JointState",
-    "Joints",
-    "MoveHandle",
-    "Mtm",
-    "Problem",
-    "Process",
-    "Provider",
-    "Psm",
-    "Refused",
-    "SetupArm",
-    "Suj",
-    "System",
-    "TeleopHandle",
-    "__version__",
-    "aio",
-    "arm",
-    "console",
-    "ecm",
-    "mtm",
-    "provide",
-    "psm",
-    "suj",
-    "system",
-    "teleop",
+    "Arm", "Clipped", "ConsoleHandle", "Disconnected", "Ecm", "Gains", "Gripper", "Handler", "Impedance", "Jaw",
+    "JointState", "Joints", "MoveHandle", "Mtm", "Problem", "Process", "Provider", "Psm", "Refused", "SetupArm",
+    "Suj", "System", "TeleopHandle", "__version__", "aio", "arm", "console", "ecm", "mtm", "provide", "psm", "suj",
+    "system", "teleop",
 ]
 
 A = TypeVar("A", bound=Arm)
 F = TypeVar("F", bound=InstanceHandle)
 T = TypeVar("T")
-Where = tuple[str, str | Path, ssl.SSLContext | None]
+Where: TypeAlias = "tuple[str, str | Path, ssl.SSLContext | None]"
 """`at`, `token` and `tls` as `arm` takes them."""
 TRY_AGAIN_S = 0.2
+PLACES = ("Handler", "Process", "Provider", "provide")
+
+
+def __getattr__(name: str) -> object:
+    """Places for user programs, which most scripts do without: the code of processes takes as long to load as ours."""
+    if name not in PLACES:
+        raise AttributeError(f"module 'trocar' has no attribute {name!r}")
+    if sys.platform != "linux":
+        return OnlyHere
+    return getattr(importlib.import_module("trocar.tools.client.provider"), name)
 
 
 def arm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
         tls: ssl.SSLContext | None = None) -> Arm:
-    """The arm `name`, a Psm, Ecm or Mtm, once it is connected; TimeoutError after `timeout` s.
+    """Connect to the arm `name` and return a Psm, Ecm or Mtm; TimeoutError after `timeout` s.
 
-    A wrong name is a Problem at once if the system is up.
+    If the system is up, an unknown name raises Problem immediately.
 
-    `system`: default: environment variable TROCAR_SYSTEM, else the only one up. `at`: HOST:PORT of the socket bridge of
-    a system on another machine, with its `token` (or the Path of a file that has it), and for `tls` the result of
+    `system`: default: environment variable TROCAR_SYSTEM, else the one running. `at`: HOST:PORT of the socket bridge of
+    a system on another machine, with its `token` (or the Path of a file that contains it); `tls`: e.g. the result of
     ssl.create_default_context().
     """
     return _found("arm", _arm, name, system, timeout, (at, token, tls))
@@ -123,19 +90,19 @@ def arm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str =
 
 def psm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
         tls: ssl.SSLContext | None = None) -> Psm:
-    """The same; Problem if it is not a PSM."""
+    """Like `arm`; Problem if it is not a PSM."""
     return _of(Psm, arm(name, system, timeout, at=at, token=token, tls=tls))
 
 
 def ecm(name: str = "ECM", system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
         tls: ssl.SSLContext | None = None) -> Ecm:
-    """The same; Problem if it is not an ECM."""
+    """Like `arm`; Problem if it is not an ECM."""
     return _of(Ecm, arm(name, system, timeout, at=at, token=token, tls=tls))
 
 
 def mtm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
         tls: ssl.SSLContext | None = None) -> Mtm:
-    """The same; Problem if it is not an MTM."""
+    """Like `arm`; Problem if it is not an MTM."""
     return _of(Mtm, arm(name, system, timeout, at=at, token=token, tls=tls))
 
 
@@ -153,7 +120,7 @@ def console(name: str = "console", system: str | None = None, timeout: float = 5
 
 def teleop(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
            tls: ssl.SSLContext | None = None) -> TeleopHandle:
-    """The teleoperation `name`; the same."""
+    """The teleoperation `name`, once it is connected; TimeoutError after `timeout` s."""
     return _found("teleop", TeleopHandle, name, system, timeout, (at, token, tls))
 
 
@@ -165,7 +132,7 @@ def system(name: str | None = None, timeout: float = 5.0, *, at: str, token: str
 def system(name: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
            tls: ssl.SSLContext | None = None) -> System | DistantSystem:
     """A running system, default as in `arm`; TimeoutError if there is none within `timeout` s."""
-    return here.system_here(name, timeout) if not at else _at((at, token, tls), timeout, DistantSystem)
+    return system_here(name, timeout) if not at else _at((at, token, tls), timeout, DistantSystem)
 
 
 def aio(make: Callable[..., Any], *given: Any, **named: Any) -> Aio:
@@ -185,12 +152,14 @@ def _arm(ways: Ways, name: str) -> Arm:
 def _found(kind: str, make: Callable[[Ways, str], F], name: str, system: str | None, timeout: float, where: Where) -> F:
     """An instance on this machine, or `at` another one."""
     if not where[0]:
-        return here.found_here(kind, make, name, system, timeout)
+        return found_here(kind, make, name, system, timeout)
     return _at(where, timeout, lambda ways: make(ways.checked(kind, name), name))
 
 
 def _at(where: Where, timeout: float, made: Callable[[DistantWays], T]) -> T:
     """The result of `made` for a connection, tried until it succeeds."""
+    import ssl  # of no use on the robot's own machine
+
     ctrl_c_in_a_line()
     at, token, tls = where
     end = monotonic_ns() + round(timeout * 1e9)

@@ -31,13 +31,13 @@ class JointState(NamedTuple):
 def numbers(values: ArrayLike) -> Array:
     """Numbers in one row (n,), also a single one; ValueError for other types."""
     if values is None:
-        raise ValueError("None is not a number")
+        raise ValueError("expected numbers, not None")
     try:
         given = np.asarray(values, dtype=np.float64)
     except TypeError as error:
-        raise ValueError(f"these are not numbers: {error}") from None
+        raise ValueError(f"not numbers: {error}") from None
     if given.ndim > 1:
-        raise ValueError(f"numbers in one row are needed, not an array of shape {given.shape}")
+        raise ValueError(f"expected a one-dimensional array of numbers, not shape {given.shape}")
     return given.reshape(-1)
 
 
@@ -68,10 +68,10 @@ def six_numbers(values: ArrayLike, what: str) -> Array:
 
 @dataclass(slots=True)
 class Gains:
-    """Of three axes (3,) on one side: stiffness, damping, bias, and the dead band by which the error is reduced: p · e
+    """For one sign of the error, three axes (3,) each: stiffness, damping, bias, dead band (subtracted from e): p · e
     + d · v + bias.
 
-    Gains have their sign: a negative p pulls back, a negative d brakes. Forces: N/m, N·s/m, N, m; torques: N·m/rad,
+    Gains are signed: a negative p pulls back, a negative d brakes. Forces: N/m, N·s/m, N, m; torques: N·m/rad,
     N·m·s/rad, N·m, rad.
     """
 
@@ -91,10 +91,10 @@ class Gains:
 
 @dataclass(slots=True)
 class Impedance:
-    """Forces about a place, in axes of their own, and torques about an orientation; all in the reference frame.
+    """Forces about a position, in axes of its own, and torques about an orientation; all in the reference frame.
 
     `force_position` (3,) m; `force_orientation` (3, 3): axes of the errors and gains of the place; `torque_orientation`
-    (3, 3): the orientation, and axes of its errors and gains. Errors that are positive go by one set of gains, those
+    (3, 3): the orientation, and axes of its errors and gains. Positive errors use one set of gains, those
     that are negative by another.
     """
 

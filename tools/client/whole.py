@@ -7,19 +7,21 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from trocar.procs.tables import bring_up as rule
 from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.commands import became
 from trocar.shm.memory.header import SegmentError
 from trocar.tools.client.callbacks import Callbacks, Reporting
 from trocar.tools.client.deadline import is_timeout, seconds
-from trocar.tools.client.distant import DistantRemote, DistantWays
+from trocar.tools.client.distant import DistantWays
 from trocar.tools.client.moves import CLIPPED, warn
-from trocar.tools.client.ways import RowWay, Ways
+from trocar.tools.client.ways import RecordWay, Ways
 from trocar.tools.output.errors import Clipped, Problem
 
 WHOLE: Final = "system"
-"""The process that brings all arms up, repeats their reports and makes sounds, in systems with consoles."""
+"""The process that brings all arms up, repeats their reports and makes sounds."""
+REPLY_S: Final = 2.0
 WORDS: Final = {ENABLED: "power_on", HOMED: "home", DISABLED: "power_off"}
 
 
@@ -29,7 +31,7 @@ class WholeSystem(Reporting, ABC):
     def __init__(self, ways: Ways) -> None:
         """Sends nothing yet."""
         self._ways, self.name = ways, ways.name
-        self._rows: RowWay | None = None
+        self._record: RecordWay | None = None
         self._callbacks = Callbacks(ways.events(WHOLE), self._row)
 
     def power_on(self, timeout: float = 10.0) -> None:
@@ -41,7 +43,7 @@ class WholeSystem(Reporting, ABC):
         self._bring(HOMED, seconds(timeout))
 
     def power_off(self, timeout: float = 10.0) -> None:
-        """Disable every arm; also with a wrong timeout, which is an error afterwards."""
+        """Disable every arm. An invalid timeout raises ValueError only after that."""
         self._bring(DISABLED, timeout if is_timeout(timeout) else 0.0)
         seconds(timeout)
 
@@ -50,15 +52,15 @@ class WholeSystem(Reporting, ABC):
         """Bring every arm to this goal."""
 
     def set_volume(self, volume: float) -> None:
-        """Of beeps and speech, 0 to 1."""
+        """Set the volume of beeps and speech, 0 to 1."""
         self._ask("set_volume", (volume,))
 
     def volume(self) -> float:
-        """The same."""
+        """The volume of beeps and speech, 0 to 1."""
         return float(self._row()["volume"])
 
     def beep(self, duration: float = 0.3, frequency: float = 3000.0, volume: float | None = None) -> None:
-        """Make a beep: s, Hz, 0 to 1; default: at the system's volume."""
+        """Beep: duration in s, frequency in Hz, volume 0 to 1 (default: the system's volume)."""
         self._ask("beep", (duration, frequency) if volume is None else (duration, frequency, volume))
 
     def string_to_speech(self, text: str) -> None:
@@ -74,21 +76,21 @@ class WholeSystem(Reporting, ABC):
 
     def _row(self) -> Mapping[str, Any]:
         try:
-            if self._rows is None:
-                self._rows = self._ways.rows(WHOLE)
+            if self._record is None:
+                self._record = self._ways.record(WHOLE)
         except (SegmentError, Problem) as error:
-            raise Problem(f"{self.name} has no process {WHOLE}, as systems with a console have: {error}") from None
-        return self._rows.row()
+            raise Problem(f"{self.name} has no process {WHOLE}: {error}") from None
+        return self._record.row()
 
     def close(self) -> None:
         """Detach."""
         self._callbacks.close()
-        if self._rows is not None:
-            self._rows.close()
+        if self._record is not None:
+            self._record.close()
 
 
 class DistantSystem(WholeSystem):
-    """A system by its socket bridge; a context manager."""
+    """A system on another machine, through its socket bridge; a context manager."""
 
     def __init__(self, ways: DistantWays) -> None:
         """Closed with us."""
@@ -100,20 +102,10 @@ class DistantSystem(WholeSystem):
         return [name for name, what in self._distant.instances.items() if what in ARM_TYPES]
 
     def _bring(self, goal: str, timeout: float) -> None:
-        if WHOLE in self._distant.instances:
-            reply = DistantRemote(self._distant.connection, WHOLE).settled(WORDS[goal], timeout=timeout)
-            if reply.outcome != "done":
-                raise Problem(f"{WORDS[goal]} {became(reply.outcome)}: {reply.text}")
-            return
-        carts = [name for name, what in self._distant.instances.items() if what == "suj"]
-        wrong = []
-        for name in (*carts, *self.arms()):
-            try:
-                self._distant.bring(name, goal, timeout)
-            except (Problem, TimeoutError) as error:
-                wrong.append(str(error))
-        if wrong:
-            raise Problem("; ".join(wrong))
+        reply = self._distant.remote(WHOLE).settled(
+            WORDS[goal], timeout=timeout or rule.most_s(rule.WORDS[goal]) + REPLY_S)
+        if reply.outcome != "done":
+            raise Problem(f"{WORDS[goal]} {became(reply.outcome)}: {reply.text}")
 
     def close(self) -> None:
         """Leave."""

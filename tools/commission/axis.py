@@ -58,9 +58,7 @@ def _gain(request: Floats, current: Floats) -> float:
 def run(bench: RunningBench) -> Outcome:
     """One arm after the other, until the first problem."""
     outcome = Outcome()
-    for subject in bench.subjects:
-        if not subject.arm:
-            continue
+    for subject in (each for each in bench.subjects if each.arm):
         bench.person.confirm(
             f"{subject.whole()}: its amplifiers are switched on. Each axis in turn is moved a little ({travel_text()}) "
             f"with at most {100 * SHARE_WITH_BRAKE:g} % of its current; nothing else holds the arm. Move it to "

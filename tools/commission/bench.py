@@ -11,6 +11,7 @@ import numpy as np
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.tables.bring_up import DISABLED, ENABLED
 from trocar.shm.commands import ENDINGS
+from trocar.shm.memory.closable import Closable
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.system_time import SystemTime
@@ -19,7 +20,6 @@ from trocar.tools.client.remote import Remote
 from trocar.tools.commission.person import Person
 from trocar.tools.commission.subject import Subject, subjects_of
 from trocar.tools.commission.window import Window
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 SLICE_S: Final = 0.5  # the ring keeps 3 s

@@ -60,12 +60,10 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
                 subject.names[axis]: {"scale": line.scale, "offset": line.offset, "was": list(_old(subject, axis))}
                 for axis, line in lines.items()}
     for source, robots in changes.items():
-        values = {name: {axis: (line.scale, line.offset) for axis, line in lines.items()}
+        values: io_file.Values = {name: {place: value for axis, line in lines.items()
+                         for place, value in io_file.line_of(axis, line.scale, line.offset).items()}
                   for name, lines in robots.items()}
-        saved = io_file.save(Path(source), values, folder, write=write,
-                             rehearsed=bench.document.emulation is not None)
-        bench.person.report(saved.diff or f"{source}: nothing changes")
-        outcome.notes += saved.notes
+        io_file.save_and_report(bench, outcome, source, values, folder, write=write)
     return outcome
 
 
@@ -93,22 +91,25 @@ def _robot(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int,
                                  axes)
     if not chosen:
         return {axis: FittedLine(line.scale, _old(subject, axis)[1], 0.0) for axis, line in lines.items()}
-    volts = _held(bench, subject, Put(subject, (0.0,) * len(subject.robot.actuators)),
+    volts = _volts(bench, subject, Put(subject, (0.0,) * len(subject.robot.actuators)),
                   f"Hold {subject.name} in its zero position, still.")
     return {axis: FittedLine(line.scale,
                              -line.scale * float(volts[axis]) if axis in chosen else _old(subject, axis)[1], 0.0)
             for axis, line in lines.items()}
 
 
-def _held(bench: RunningBench, subject: Subject, act: Put | Squeeze, text: str) -> Floats:
+def _volts(bench: RunningBench, subject: Subject, act: Put | Squeeze, text: str) -> Floats:
     """Mean voltages (n,) while the person holds the robot."""
+    mean: Floats = held(bench, subject, act, text).axes("pot_voltage", subject).mean(axis=0)
+    return mean
+
+
+def held(bench: RunningBench, subject: Subject, act: Put | Squeeze, text: str) -> Window:
+    """Samples of the last HOLD_S before the person, who holds the robot, presses Enter."""
     parts: list[Window] = []
     for _ in bench.person.doing(act, text):
         parts.append(bench.sample(subject.io, LOOK_S))
-        if parts[-1].stamp_s[-1] - parts[0].stamp_s[0] >= HOLD_S:
-            break
-    mean: Floats = Window.joined(parts[len(parts) // 4 :]).axes("pot_voltage", subject).mean(axis=0)
-    return mean
+    return Window.joined(parts[-round(HOLD_S / LOOK_S):])
 
 
 def way_of(subject: Subject, axis: int) -> float:
@@ -147,9 +148,9 @@ def judge(line: FittedLine, subject: Subject, axis: int, by: float) -> list[Find
 
 def _gripper(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int, FittedLine]:
     """The line of a gripper: 0 closed, 60° open."""
-    closed = _held(bench, subject, Squeeze(subject, True),
+    closed = _volts(bench, subject, Squeeze(subject, True),
                    f"Close {subject.name} lightly, until you feel its second spring and no further, and hold it.")
-    opened = _held(bench, subject, Squeeze(subject, False), f"Let {subject.name} open as far as it goes.")
+    opened = _volts(bench, subject, Squeeze(subject, False), f"Let {subject.name} open as far as it goes.")
     line, found = gripper_line(float(closed[0]), float(opened[0])), []
     if line is None:
         found = [Finding(subject.where(0), f"{closed[0]:.3f} V closed, {opened[0]:.3f} V open",

@@ -1,9 +1,10 @@
-"""An IO file with other potentiometer values: the rest is unchanged, and nothing is overwritten without a copy."""
+"""Files with calibrated values: of IO files, the rest is unchanged; nothing is overwritten without a copy."""
 
 from __future__ import annotations
 
 import copy
 import difflib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,12 +13,20 @@ from typing import Any, Final
 
 from trocar.procs.config import check_file
 from trocar.procs.config.read.source import read_source
+from trocar.tools.commission.bench import RunningBench
+from trocar.tools.commission.finding import Outcome
 from trocar.tools.converters import to_json
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.replacing import put
 
-Values = Mapping[str, Mapping[int, tuple[float, float]]]  # by robot and axis: scale and offset
+Place = tuple[str | int, ...]
+"""Keys and indices from a robot to a number."""
+Values = Mapping[str, Mapping[Place, float]]
+"""By robot and place."""
 DIGITS: Final = 9  # of the written numbers
+REHEARSED: Final = "rehearsed"
+"""In the names of files from emulated robots, which must never replace those of a real one."""
+OF_EMULATED: Final = "has values of the emulated robot, for this rehearsal; yours has others"
 
 
 @dataclass(slots=True)
@@ -32,7 +41,8 @@ class SavedIoFile:
 def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: bool = False) -> SavedIoFile:
     """Put values into a new file `NAME-calibrated.json` in `folder`, or with `write` into the file itself.
 
-    `rehearsed`: they are those of an emulated robot. Problem if that fails; then nothing has changed.
+    `rehearsed`: they are those of an emulated robot, and the new file is `NAME-rehearsed.json`. Problem if that fails;
+    then nothing has changed.
     """
     read, problems = read_source(source)
     if read is None:
@@ -42,36 +52,66 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     data = copy.deepcopy(read.data)
     _put(data, values, source)
     old, new = to_json(read.data), to_json(data)
-    path = source if write else folder / f"{source.stem}-calibrated.json"
+    path = source if write else folder / f"{source.stem}-{REHEARSED if rehearsed else 'calibrated'}.json"
     diff = "".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), str(source), str(path), n=0))
     saved = SavedIoFile(path, diff)
-    if (kept := put(path, new, lambda fresh: _check(path, fresh))) is not None:
+    if (kept := put(path, new, lambda fresh: _check(path, fresh, source.parent))) is not None:
         saved.notes.append(f"{path} was there; it is {kept} now")
     use = "" if write else f"; use it in place of {source.name} (IO_file of the system file)"
-    saved.notes.append(f"{path} has values of the emulated robot; yours has others: do not use it" if rehearsed
-                       else f"{path} has the calibrated values{use}")
+    saved.notes.append(f"{path} {OF_EMULATED}" if rehearsed else f"{path} has the calibrated values{use}")
     return saved
 
 
+def save_and_report(bench: RunningBench, outcome: Outcome, source: str, values: Values, folder: Path, *,
+                    write: bool) -> None:
+    """`save`, and show the person the changed lines."""
+    saved = save(Path(source), values, folder, write=write, rehearsed=bench.document.emulation is not None)
+    bench.person.report(saved.diff or f"{source}: nothing changes")
+    outcome.notes += saved.notes
+
+
+def save_new(bench: RunningBench, outcome: Outcome, path: Path, content: Mapping[str, Any], what: str,
+             beside: Path) -> None:
+    """A whole file of JSON, named `-rehearsed` if the robot is emulated; its old content is kept.
+
+    `what` it is, in words; `beside`: the file in whose folder it is used. Problem if it would not be valid.
+    """
+    rehearsed = bench.document.emulation is not None
+    path = path.with_stem(f"{path.stem}-{REHEARSED}") if rehearsed else path
+    kept = put(path, json.dumps(content), lambda fresh: _check(path, fresh, beside.parent))
+    note = f"{path} is {what}"
+    if rehearsed:
+        note = f"{path} {OF_EMULATED}"
+    elif path.resolve().parent != beside.resolve().parent:
+        note += f"; put it beside {beside}"
+    outcome.notes.append(note + (f"; the file that was there is {kept}" if kept else ""))
+
+
+def line_of(axis: int, scale: float, offset: float) -> dict[Place, float]:
+    """The values of a potentiometer's line."""
+    where = ("actuators", axis, "potentiometer", "voltage_to_position")
+    return {(*where, "scale"): scale, (*where, "offset"): offset}
+
+
 def _put(data: dict[str, Any], values: Values, source: Path) -> None:
+    if lost := set(values) - {str(robot.get("name")) for robot in data.get("robots", [])}:
+        raise Problem(f"{source} has changed: robot {', '.join(sorted(lost))} is missing")
     for robot in data.get("robots", []):
-        for axis, (scale, offset) in values.get(str(robot.get("name")), {}).items():
+        for place, value in values.get(str(robot.get("name")), {}).items():
+            named = f"{robot['name']} {'.'.join(map(str, place))}"
+            if not math.isfinite(value):
+                raise Problem(f"{named}: {value:g} cannot be written")
+            part = robot
             try:
-                pot = robot["actuators"][axis]["potentiometer"]
+                for key in place[:-1]:
+                    part = part[key]
+                part[place[-1]] = float(f"{value:.{DIGITS}g}")
             except (LookupError, TypeError):
-                raise Problem(f"{source} has changed: the potentiometer of axis {axis} is missing") from None
-            if not (math.isfinite(scale) and math.isfinite(offset)):
-                raise Problem(f"{robot['name']} axis {axis}: {scale:g} and {offset:g} cannot be written")
-            pot["voltage_to_position"] = {**pot.get("voltage_to_position", {}), "scale": _rounded(scale),
-                                          "offset": _rounded(offset)}
+                raise Problem(f"{source} has changed: {named} is missing") from None
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}")
-
-
-def _check(path: Path, fresh: Path) -> None:
-    """Problem if the future content of `path` has errors."""
-    errors = [problem for problem in check_file(fresh).problems if problem.severity == "error"]
+def _check(path: Path, fresh: Path, beside: Path) -> None:
+    """Problem if the future content of `path`, used in the folder `beside`, has errors."""
+    errors = [problem for problem in check_file(fresh, search=[beside]).problems if problem.severity == "error"]
     if errors:
         raise Problem(f"{path} would not be valid: {errors[0]}")

@@ -11,6 +11,7 @@ import numpy as np
 
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.arm import Arm
+from trocar.tools.client.shared import SharedWays
 from trocar.tools.commission import home
 from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Finding, Outcome
@@ -59,7 +60,7 @@ def _watched(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Fi
 
 
 def _moved(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Finding]:
-    arm = Arm(bench.system, subject.arm)
+    arm = Arm(SharedWays(bench.system), subject.arm)
     ratio = arm.trajectory_j_get_ratio() or 1.0
     try:
         arm.trajectory_j_set_ratio(RATIO)
@@ -81,8 +82,15 @@ def _moved(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Find
         figures["tracking_error"] = worst.tolist()
         return _to_limit(bench, subject, arm, start, names, (low, high, slides))
     finally:
+        end(arm, ratio)
+
+
+def end(arm: Arm, ratio: float) -> None:
+    """End a stage's motion, also one under way (Ctrl-C), and only then restore the ratio of speed: it acts at once."""
+    with contextlib.suppress(Problem, TimeoutError):
+        arm.hold()
         arm.trajectory_j_set_ratio(ratio)
-        arm.close()
+    arm.close()
 
 
 def limits(bench: RunningBench, subject: Subject, count: int) -> tuple[Floats, Floats, list[bool]]:

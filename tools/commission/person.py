@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.commission.subject import Subject
@@ -18,7 +18,7 @@ from trocar.tools.output.printing import printable, tell
 if TYPE_CHECKING:
     from trocar.tools.commission.person_sim import PersonSim
 
-PATIENCE_S: Final = 120.0
+PATIENCE_S, SWEEP_PATIENCE_S = 120.0, 1800.0
 
 
 class Declined(Problem):
@@ -65,7 +65,30 @@ class Squeeze:
     closed: bool
 
 
-Act = Carry | Put | Press | Stop | Squeeze
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Move every axis of a robot, whose brakes are released, from stop to stop, back and forth."""
+
+    subject: Subject
+
+
+@dataclass(frozen=True, slots=True)
+class Rock:
+    """Move one axis gently back and forth, as far as its brake lets it."""
+
+    subject: Subject
+    axis: int
+
+
+def _typed(question: str) -> str:
+    """A line; Declined at the end of input (Ctrl-D)."""
+    try:
+        return input(question)
+    except EOFError:
+        raise Declined("not confirmed: the input has ended; run the same command again") from None
+
+
+Act = Carry | Sweep | Rock | Put | Press | Stop | Squeeze
 
 
 Person: TypeAlias = "AtTerminal | PersonSim"
@@ -82,7 +105,7 @@ class AtTerminal:
     def confirm(self, danger: str, word: str) -> None:
         """Announce the next action and have the word typed; Declined if it is not."""
         tell(f"\n{danger}", flush=True)
-        reported = input(f"Type {word} to continue, anything else stops:  ").strip()
+        reported = _typed(f"Type {word} to continue, anything else stops:  ").strip()
         if reported != word:
             raise Declined(f"not confirmed: {reported or 'nothing'!r} was typed, not {word!r}; nothing was switched on")
 
@@ -93,23 +116,24 @@ class AtTerminal:
     def agrees(self, question: str) -> bool:
         """Whether the person confirms something that only a look can show."""
         while True:
-            reported = input(f"{question} [y/n] ").strip().lower()
+            reported = _typed(f"{question} [y/n] ").strip().lower()
             if reported in ("y", "yes", "n", "no"):
                 return reported.startswith("y")
 
     def chosen(self, question: str, axes: Sequence[int]) -> tuple[int, ...]:
         """Some of these axes."""
         while True:
-            words = input(f"{question} [all, none, or numbers of {' '.join(map(str, axes))}] ").split()
+            words = _typed(f"{question} [all, none, or numbers of {' '.join(map(str, axes))}] ").split()
             if words in (["all"], ["none"]):
                 return tuple(axes) if words == ["all"] else ()
             if words and all(word.isdecimal() and int(word) in axes for word in words):
                 return tuple(int(word) for word in words)
 
     def doing(self, act: Act, text: str) -> Iterator[None]:
-        """Have manual work done: yields while the person is at work, until Enter, or for two minutes."""
-        tell(f"\n{text}\n(press Enter when done)", flush=True)
-        end = monotonic_ns() + round(PATIENCE_S * 1e9)
+        """Have manual work done: yields while the person is at work, until Enter, or for PATIENCE_S."""
+        when = {Rock: "to stop", Put: "while it is held still", Squeeze: "while it is held"}.get(type(act), "when done")
+        tell(f"\n{text}\n(press Enter {when})", flush=True)
+        end = monotonic_ns() + round((SWEEP_PATIENCE_S if isinstance(act, Sweep) else PATIENCE_S) * 1e9)
         with contextlib.suppress(GeneratorExit):
             while monotonic_ns() < end:
                 yield

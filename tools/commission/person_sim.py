@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
@@ -11,19 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.system import SystemConfig
+from trocar.shm.memory.closable import Closable
 from trocar.shm.system import directory
 from trocar.tools.client.remote import Remote
-from trocar.tools.commission.person import Act, Carry, Press, Put, Squeeze, Stop
+from trocar.tools.commission.person import Act, Carry, Press, Put, Rock, Squeeze, Stop, Sweep
 from trocar.tools.commission.subject import Subject
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.printing import note
 
 STEPS: Final = 8  # of a motion by hand, each way
 BEYOND: Final = 1.3  # times the requested motion
+SWEEP_STEPS: Final = 2800  # from stop to stop: a reading that lags by one of them, each way, is still repeated
 WAITS: Final = 40  # looks while the person waits for an event
+ROCKED_RAD, ROCKED_M = 0.02, 0.003
 OPEN, CLOSED = math.radians(60.0), 0.0  # gripper, rad
 
-Order = Callable[[str, Sequence[float], str], None]
+Order = Callable[[str, Sequence[float], str], object]
 Truth = Callable[[Subject], NDArray[np.float64]]
 
 
@@ -62,6 +65,21 @@ class PersonSim:
         match act:
             case Carry(subject, axis, by):
                 yield from self._carry(subject, axis, by)
+            case Sweep(subject):
+                low, high = (np.array(ends) for ends in zip(*map(subject.range_of, range(len(subject.names))),
+                                                            strict=True))
+                for begin, end in ((self._truth(subject).copy(), low), (low, high), (high, low)):  # a hand never jumps
+                    share = np.max(np.abs(end - begin) / (high - low))
+                    for goal in np.linspace(begin, end, round(share * SWEEP_STEPS)):
+                        self._order("set_position", goal.tolist(), subject.name)
+                        yield
+            case Rock(subject, axis):
+                start, by = self._truth(subject).copy(), ROCKED_M if subject.slides(axis) else ROCKED_RAD
+                for sign in itertools.cycle((1.0, -1.0)):
+                    goal = start.copy()
+                    goal[axis] += sign * by
+                    self._order("move_by_hand", goal.tolist(), subject.name)
+                    yield
             case Put(subject, position):
                 self._order("set_position", position, subject.name)
                 yield from (None for _ in range(WAITS))
@@ -103,10 +121,7 @@ class AtBoards(PersonSim, Closable):
             for robot in io.robots:
                 self._slices[io.name, robot.name] = slice(first, first + len(robot.actuators))
                 first += len(robot.actuators)
-        super().__init__(self._send, self._position)
-
-    def _send(self, command: str, values: Sequence[float], text: str) -> None:
-        self._remote.ask(command, values, text)
+        super().__init__(self._remote.ask, self._position)
 
     def _position(self, subject: Subject) -> NDArray[np.float64]:
         self._reader.newest()

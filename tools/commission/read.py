@@ -76,7 +76,7 @@ def judge_samples(io: str, window: Window, period_s: float) -> list[Finding]:
                              "check cables, hub and network; the logs name the board"))
     if not abs(rate * period_s - 1.0) <= RATE_WITHIN:
         found.append(Finding(io, f"{rate:.0f} samples a second", f"{1 / period_s:.0f} within {100 * RATE_WITHIN:g} %",
-                             "the computer is too slow or too busy: trocar bench io, docs/operating.md, Real time"))
+                             "the computer is too slow or too busy: trocar bench io, docs/real-time.md"))
     return found
 
 

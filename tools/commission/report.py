@@ -32,7 +32,7 @@ class Try:
     seconds: float
     who: str
     boards: str  # real or emulated
-    files: str  # fingerprint of the files' content about the robots, except potentiometers
+    files: str  # fingerprint of the files' content about the robots, except calibrated values
     problems: tuple[str, ...]
     notes: tuple[str, ...]
     figures: dict[str, Any]
@@ -112,4 +112,8 @@ def fingerprint(system: SystemConfig) -> str:
         for actuator in row["actuators"]:
             if actuator["potentiometer"] is not None:
                 del actuator["potentiometer"]["voltage_to_position"]
+        for brake in row["brakes"]:
+            del brake["release_current"], brake["released_current"]
+        for drive in (*row["actuators"], *row["brakes"]):
+            del drive["current_to_bits"]["offset"], drive["bits_to_current"]["offset"]
     return hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()[:12]

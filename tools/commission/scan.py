@@ -8,6 +8,7 @@ from typing import Any, Final, Protocol
 from trocar.procs.document.system import IoConfig, Robot, SystemConfig
 from trocar.procs.fpga import blocks
 from trocar.procs.node.fault_report import place
+from trocar.procs.tables import codes
 from trocar.tools.commission.finding import Finding, Outcome
 from trocar.tools.inspect.bus_client import NO_SERIALS, BusClient, FoundBoard
 
@@ -30,6 +31,10 @@ def run(bench: Scanned) -> Outcome:
             outcome.figures[io.name] = [_figures(desk, board, asks) for board in desk.boards]
             outcome.add(judge(io, desk.boards))
         extra = sorted({board.board for board in desk.boards} - set(boards_of(io)))
+        if unknown := [board.board for board in desk.boards
+                       if board.firmware in blocks.LAYOUTS and blocks.LAYOUTS[board.firmware].is_assumed]:
+            outcome.notes.append(f"{place(io.name, boards=unknown)}: {codes.FIRMWARE_UNKNOWN.cause}; "
+                                 f"{codes.FIRMWARE_UNKNOWN.remedy}")
         if extra:
             outcome.notes.append(f"{place(io.name, boards=extra)}: in no file")
         if not asks:

@@ -87,22 +87,16 @@ def subjects_of(system: SystemConfig, arms: list[str] | None = None) -> tuple[Su
 
 
 def _of(system: SystemConfig, io: IoConfig) -> list[Subject]:
-    found, first = [], 0
-    brake = sum(len(robot.actuators) for robot in io.robots)
-    driven = {pid.robot: pid for pid in io.pids}
+    found, driven = [], {pid.robot: pid for pid in io.pids}
     grippers = {arm.gripper for arm in system.arms if arm.io == io.name}
-    for row, robot in enumerate(io.robots):
-        count = len(robot.actuators)
-        axes = slice(first, first + count)
-        drives = (*range(first, first + count), *range(brake, brake + len(robot.brakes)))
-        first, brake = first + count, brake + len(robot.brakes)
-        pid = driven.get(robot.name)
+    for place in io.places:
+        robot, pid = place.robot, driven.get(place.robot.name)
+        where = (io.name, robot, place.row, place.axes, tuple(place.drives))
         if pid is not None:
-            kind = system.arm(pid.arm).type
-            found.append(Subject(io.name, robot, row, axes, drives, pid.arm, kind, tuple(a.name for a in pid.axes),
+            found.append(Subject(*where, pid.arm, system.arm(pid.arm).type, tuple(a.name for a in pid.axes),
                                  tuple(a.tolerance for a in pid.axes), tuple(a.p_deadband for a in pid.axes)))
         elif robot.name in grippers:
-            found.append(Subject(io.name, robot, row, axes, drives, "", "", ("gripper",) * count, (), ()))
+            found.append(Subject(*where, "", "", ("gripper",) * len(robot.actuators), (), ()))
     return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -12,8 +12,10 @@ from typing import Annotated, Final
 import typer
 
 from trocar.procs.config import load_system
-from trocar.procs.document.system import SystemConfig, from_json
+from trocar.procs.document.system import Robot, SystemConfig, from_json
+from trocar.procs.fpga.conversion import are_nominal
 from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
+from trocar.procs.machine.verb_lines import default_system
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.system_time import WALL
@@ -29,11 +31,16 @@ from trocar.tools.output.printing import emit, note, table, tell
 from trocar.tools.systems.find import supervisor_of, system_file, unknown
 from trocar.tools.systems.processes import commissioning
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
-from trocar.tools.verbs.options import JsonOption
+from trocar.tools.verbs.options import JsonOption, PathOption
+from trocar.tools.verbs.report import pack
 
 NAME: Final = "commission"
 EASY: Final = ("io.period_s=0.002", "arm.period_s=0.002")  # on emulated boards, which share this machine's cores
+CALIBRATING: Final = "calibration_mode=true"
 EASY_LATE: Final = "late_s=0.5"
+HELD: Final = "friction=10"  # a simulated person only sets positions; released, the arm must not sink in between
+MADE: Final = ("*-calibrated.json", "*-rehearsed.json", "gc-*.json", "*PotentiometerLookupTable.json", "*.json.bak*")
+RECORDINGS_MB: Final = 200.0
 REHEARSALS: Final = 4  # of a stage in real time, while it stops
 
 
@@ -50,67 +57,92 @@ class Job:
     @property
     def boards(self) -> str:
         """real or emulated."""
-        return boards_of(self.document)
+        return "real" if self.document.emulation is None else "emulated"
 
 
-def _eased(document: SystemConfig) -> list[str]:
-    """Settings that let a rehearsal run on a busy machine; the person's settings follow and take precedence."""
-    return [*EASY, *(f"processes.{row.name}.{EASY_LATE}" for row in document.processes if row.kind in ("io", "arm"))]
+def _eased(request: StartRequest, document: SystemConfig) -> StartRequest:
+    """A rehearsal that runs on a busy machine, too; the person's settings follow and take precedence."""
+    if document.emulation is None:
+        return request
+    by_hand = [subject.name for subject in subjects_of(document) if subject.arm and _has_no_table(subject.robot)]
+    late = (f"processes.{row.name}.{EASY_LATE}" for row in document.processes if row.kind in ("io", "arm"))
+    held = (f"emulation.robots.{name}.{HELD}" for name in by_hand)
+    return dataclasses.replace(request, sets=(*EASY, *late, *held, *request.sets))
 
 
-def boards_of(document: SystemConfig) -> str:
-    """Kind of a system's boards: real or emulated."""
-    return "real" if document.emulation is None else "emulated"
+def _has_no_table(robot: Robot) -> bool:
+    return robot.potentiometers == "DIGITAL" and not robot.lookup
 
 
 @ended_as_by_ctrl_c()
 def commission(
     file: Annotated[Path, typer.Argument(metavar="SYSTEM", help="System file.")],
     boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse it without hardware.")] = "",
-    path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
+    path: PathOption = None,
     stage: Annotated[str, typer.Option("--stage", help="Repeat one stage; those before it must have passed.")] = "",
-    listed: Annotated[bool, typer.Option("--list", help="List the stages and which have passed.")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="List the stages, and show which have passed.")] = False,
     arm: Annotated[list[str] | None, typer.Option("--arm", help="Only this arm; may be given several times.")] = None,
-    write: Annotated[bool, typer.Option("--write", help="Calibrate into the IO files; their content is kept.")] = False,
+    write: Annotated[bool, typer.Option(
+        "--write", help="Write the calibration into the files in use; FILE.bak1 keeps the old content.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation; only for emulated boards.")] = False,
-    report: Annotated[Path | None, typer.Option("--report", help="File; default commission-SYSTEM.json here.")] = None,
+    report: Annotated[Path | None, typer.Option(
+        "--report", help="Report file; default: commission-SYSTEM.json.")] = None,
+    pack_into: Annotated[Path | None, typer.Option(
+        "--pack", metavar="FILE", help="Run no stage; pack report, files, logs, recordings and versions into this new "
+        ".tar.gz, to send.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section.")] = None,
     as_json: JsonOption = False,
-    system: Annotated[str, typer.Option("--system", metavar="NAME", help="Its name while it runs.")] = NAME,
+    system: Annotated[str, typer.Option("--system", metavar="NAME", help="Its name while it runs."),
+    ] = default_system(NAME),
 ) -> int:
-    """The first day on a robot: eight stages from finding the boards to a slow move, each of which stops at what is
-    wrong and says what to do. A rerun resumes after the last stage that passed. Read docs/first-hardware.md first.
+    """The first day on a robot, from finding the boards to slow motion; each stage stops at the first problem and says
+    what to do. A rerun resumes after the last stage that passed. Read docs/first-hardware.md first.
 
     Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
     """
-    request = StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()), tuple(sets or ()))
-    document = _document(request)
-    if document.emulation is not None:
-        request = dataclasses.replace(request, sets=(*_eased(document), *request.sets))
     if stage and stage not in NAMES:
         raise Misuse(f"no stage {stage}; there are {', '.join(NAMES)}")
-    there = [subject.arm for subject in subjects_of(document) if subject.arm]
-    if not there:
-        raise Problem(f"{file}: no robot on boards to commission")
-    if absent := next((name for name in arm or () if name not in there), None):
-        raise unknown("arm on boards", absent, there)
-    if write and document.emulation is not None:
-        raise Misuse("--write is for a real robot: a rehearsal measures the emulated robot, not yours")
-    if yes and document.emulation is None:
-        raise Misuse("--yes is for emulated boards: on a real robot the operator confirms what powers or moves")
+    request, document = _document(StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()),
+                                               tuple(sets or ())))
+    job = Job(_eased(request, document), document, arm or [], None, write)
+    _check(job, yes)
     book = CommissionReport(report or Path(f"commission-{file.stem}.json"), file.name)
-    files = fingerprint(document) + "".join(f" {name}" for name in sorted(arm or []))
+    files = fingerprint(document) + "".join(f" {name}" for name in sorted(job.arms))
+    if pack_into is not None:
+        return pack(system, pack_into, RECORDINGS_MB, as_json, _files(file, document, book.path))
     if listed:
-        return _list(book, boards_of(document), files, as_json)
+        return _list(book, job.boards, files, as_json)
     book.require_writable()
     _refuse_second(system)
-    job = Job(request, document, arm or [], None if yes else AtTerminal(), write)
+    job = dataclasses.replace(job, person=None if yes else AtTerminal())
     try:
-        return _go(job, book, files, _due(book, job.boards, files, stage), as_json)
+        return _go(job, book, files, _due(job, book, files, stage), as_json)
     except KeyboardInterrupt:
         note("stopped by Ctrl-C; everything is off")
         return 1
+
+
+def _check(job: Job, yes: bool) -> None:
+    """Problem if the system has no such arms on boards; Misuse for options of the other kind of boards."""
+    there = [subject.arm for subject in subjects_of(job.document) if subject.arm]
+    if not there:
+        raise Problem(f"{job.request.file}: no robot on boards to commission")
+    if absent := next((name for name in job.arms if name not in there), None):
+        raise unknown("arm on boards", absent, there)
+    if job.write and job.boards == "emulated":
+        raise Misuse("--write is for a real robot: a rehearsal measures the emulated robot, not yours")
+    if yes and job.boards == "real":
+        raise Misuse("--yes is for emulated boards: on a real robot the operator confirms what powers or moves")
+
+
+def _files(file: Path, document: SystemConfig, report: Path) -> list[Path]:
+    """The report, the files of the system, and those that stages have written beside the report."""
+    sources = [Path(robot.source) for io in document.ios for robot in io.robots]
+    sources += [Path(arm.source) for arm in document.arms]
+    made = [path for pattern in MADE for path in sorted(report.parent.glob(pattern))]
+    each = {path.resolve(): path for path in (report, file, *sources, *made) if path.is_file()}
+    return list({path.name: path for path in each.values()}.values())
 
 
 def _refuse_second(system: str) -> None:
@@ -121,13 +153,27 @@ def _refuse_second(system: str) -> None:
                       "another name with --system")
 
 
-def _document(request: StartRequest) -> SystemConfig:
-    """The system according to its files; Problem with all errors."""
-    loaded = load_system(request.file, search=request.paths, boards=request.boards or None, sets=request.sets,
-                         name=request.system)
-    if loaded.system is None:
-        raise Problem("\n".join(map(str, loaded.errors)))
-    return loaded.system
+def is_calibrating(document: SystemConfig) -> bool:
+    """Whether the system starts in calibration mode."""
+    return any(io.calibration_mode for io in document.ios)
+
+
+def _document(request: StartRequest) -> tuple[StartRequest, SystemConfig]:
+    """The system according to its files, and how to start it; Problem with all errors.
+
+    Files that lack calibrated values start in calibration mode, until the next stage that makes some.
+    """
+    calibrating = dataclasses.replace(request, sets=(*request.sets, CALIBRATING))
+    errors: Sequence[object] = ()
+    for each in (request, calibrating):
+        loaded = load_system(each.file, search=each.paths, boards=each.boards or None, sets=each.sets, name=each.system)
+        if loaded.system is not None:
+            if each is calibrating:
+                note("\n".join(map(str, errors)))
+                note("the files lack calibrated values: the system starts in calibration mode")
+            return each, loaded.system
+        errors = errors or loaded.errors
+    raise Problem("\n".join(map(str, errors)))
 
 
 def _list(book: CommissionReport, boards: str, files: str, as_json: bool) -> int:
@@ -146,16 +192,32 @@ def _list(book: CommissionReport, boards: str, files: str, as_json: bool) -> int
     return 0
 
 
-def _due(book: CommissionReport, boards: str, files: str, wanted: str) -> list[CommissionStage]:
-    """Stages to run: one stage again, or all after the last that passed."""
-    left = [row for row in STAGES if not book.passed(row.name, boards, files)]
-    if not wanted:
-        return list(STAGES[STAGES.index(left[0]):]) if left else []
-    row = STAGES[NAMES.index(wanted)]
-    if left and STAGES.index(left[0]) < STAGES.index(row):
-        raise Problem(f"stage {wanted} comes after {left[0].name}, which has not passed with these files; without "
-                      "--stage it continues there")
-    return [row]
+def _due(job: Job, book: CommissionReport, files: str, wanted: str) -> list[CommissionStage]:
+    """Stages to run: one stage again, or all after the last that passed; none that needs values which are missing."""
+    left = [row for row in STAGES if not book.passed(row.name, job.boards, files)]
+    due = list(STAGES[STAGES.index(left[0]):]) if left else []
+    if wanted:
+        due = [STAGES[NAMES.index(wanted)]]
+        if left and STAGES.index(left[0]) < STAGES.index(due[0]):
+            raise Problem(f"stage {wanted} comes after {left[0].name}, which has not passed with these files; without "
+                          "--stage it continues there")
+    for what, stage in _lacks(job.document):
+        if due and not (due := [row for row in due if row in STAGES[: NAMES.index(stage) + 1]]):
+            raise Problem(f"{what}: use the file that stage {stage} has written (--stage {stage} repeats it)")
+    return due
+
+
+def _lacks(document: SystemConfig) -> list[tuple[str, str]]:
+    """Values without which no motor may be driven, with the stage that measures them."""
+    found = []
+    for robot in (subject.robot for subject in subjects_of(document) if subject.arm):
+        if robot.hardware != "dRA1" and are_nominal([part.current_to_bits.offset for part in robot.actuators]):
+            found.append((f"{robot.name}: its IO file still has nominal current offsets", "currents"))
+        if _has_no_table(robot):
+            found.append((f"{robot.name}: its potentiometers still have no table", "tables"))
+    if is_calibrating(document):  # potentiometers are not compared with encoders: no joint controller
+        found.append(("these files still lack calibrated values, and no arm homes in calibration mode", "calibrate"))
+    return found
 
 
 def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage], as_json: bool) -> int:
@@ -183,20 +245,36 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                 emit({"stage": row.name, "passed": tried.passed, "seconds": tried.seconds, "problems": tried.problems,
                       "figures": tried.figures})
             if not tried.passed:
-                if row.real_time and job.boards == "emulated":
-                    note(f"{row.name} measures real time, and was rehearsed {REHEARSALS} times: the load of other "
-                         "programs may be the only cause; end them first")
-                if not as_json:
-                    tell("\n".join(f"STOP {text}" for text in tried.problems), flush=True)
-                note(f"stage {row.name} stopped, everything is off; {book.path} has what was measured, trocar logs "
-                     f"--system {job.request.system} the messages; fix it and run the same command again")
+                _tell_stop(row, job, book, () if as_json else tried.problems)
                 return 1
             note(f"{row.name} passed")
-            if row.name == "calibrate" and job.write:
-                note("the IO files have changed: run the same command again, it resumes with them")
+            if row.writes and outcome.figures and row is not due[-1] and (after := _new_files(job)):
+                note(after)
                 return 0
     note(f"all done: {book.path}")
     return 0
+
+
+def _tell_stop(row: CommissionStage, job: Job, book: CommissionReport, problems: Sequence[str]) -> None:
+    """What has stopped a stage, and what to do."""
+    if row.real_time and job.boards == "emulated":
+        note(f"{row.name} measures real time, and was rehearsed {REHEARSALS} times: the load of other programs may be "
+             "the only cause; end them first")
+    if problems:
+        tell("\n".join(f"STOP {text}" for text in problems), flush=True)
+    note(f"stage {row.name} stopped, everything is off; {book.path} has what was measured, trocar logs "
+         f"--system {job.request.system} the messages; fix it and run the same command again")
+
+
+def _new_files(job: Job) -> str:
+    """What to do with the files that a stage has written before the next stage; empty: nothing."""
+    if job.write:
+        return "the files have changed: run the same command again, it resumes with them"
+    if job.boards == "emulated" and not is_calibrating(job.document):
+        return ""  # a rehearsal continues with the robot's own files
+    return ("to rehearse the rest: put the new file into a copy of these files, under the name of the missing or old "
+            "one, and run the command there; never use it on the robot" if job.boards == "emulated" else
+            "use the new file as described above, then run the same command again: it resumes with it")
 
 
 def _tried(row: CommissionStage, job: Job, bench: RunningBench | None, folder: Path) -> Outcome:
@@ -213,7 +291,7 @@ def _tried_once(row: CommissionStage, job: Job, bench: RunningBench | None, fold
     try:
         if bench is None:
             return run(job)
-        return run(bench, folder, write=job.write) if row.name == "calibrate" else run(bench)
+        return run(bench, folder, write=job.write) if row.writes else run(bench)
     except (Declined, Misuse):
         raise
     except (Problem, TimeoutError) as problem:

@@ -13,7 +13,7 @@ from trocar.tools.commission.subject import Subject
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-FIELDS = ("valid", "bad_reads", "position", "position_error", "pot_position", "pot_voltage", "current",
+FIELDS = ("valid", "bad_reads", "position", "position_error", "pot_position", "pot_voltage", "pot_bits", "current",
           "current_request", "temperature", "amp_on", "powered", "relay", "power_fault", "watchdog", "input",
           "limits_enforced", "tracking_check", "pot_check")
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from trocar.tools.converters.element import Element
+from trocar.tools.converters.report import Json
 from trocar.tools.converters.units import PRISMATIC, REVOLUTE, FormatVersion, Unit
-
-Json = dict[str, object]
 
 _TYPES = {"Revolute": REVOLUTE, "REVOLUTE": REVOLUTE, "Prismatic": PRISMATIC, "PRISMATIC": PRISMATIC}
 _SOURCES = {"FIRMWARE": "FIRMWARE", "SOFTWARE": "SOFTWARE"}
@@ -82,10 +81,10 @@ class Actuators:
                 rows["effort_to_current"] = {"scale": scale.number("Scale")}
             elif not self._only_io:
                 element.report.error(element.line, f"{element.path}/EffortToCurrent", "", "this element is required")
-        rows["current_to_bits"] = _linear(element.need("AmpsToBits"))
+        rows["current_to_bits"] = to_bits = _linear(element.need("AmpsToBits"))
         rows["bits_to_current"] = _linear(element.need("BitsToFeedbackAmps"))
         rows["maximum_current"] = _value(element, "MaxCurrent", "A")
-        self._scales += [float(number) for number in _linear_scale(rows["current_to_bits"])]
+        self._scales.append(to_bits["scale"])
         return rows
 
     def _encoder(self, element: Element, joint_type: str) -> Json:
@@ -136,10 +135,6 @@ class Actuators:
 
 def _linear(element: Element) -> dict[str, float]:
     return {"scale": element.number("Scale"), "offset": element.number("Offset")}
-
-
-def _linear_scale(row: object) -> list[float]:
-    return [row["scale"]] if isinstance(row, dict) else []
 
 
 def _value(element: Element, tag: str, unit: str) -> float:

@@ -11,9 +11,7 @@ from trocar.procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFi
 from trocar.procs.config.read.jsontext import Parsed
 from trocar.procs.kinematics.endoscopes import NAMES
 from trocar.tools.converters.keys import Keys
-from trocar.tools.converters.report import ConversionReport
-
-Json = dict[str, object]
+from trocar.tools.converters.report import ConversionReport, Json
 
 _CHAINS = {
     "psm": "PSM", "psm-si": "PSM_Si", "psm-si-physical": "PSM_Si_physical",

@@ -12,10 +12,8 @@ from trocar.procs.fpga.port_name import PortName, PortNameError
 from trocar.tools.converters.consolearm import Arms
 from trocar.tools.converters.keys import Keys
 from trocar.tools.converters.names import today
-from trocar.tools.converters.report import ConversionReport
+from trocar.tools.converters.report import ConversionReport, Json
 from trocar.tools.converters.teleops import ecm_teleop, psm_teleop
-
-Json = dict[str, object]
 
 BUS = "IO1"
 CONSOLE = "console"

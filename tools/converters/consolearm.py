@@ -10,9 +10,8 @@ from trocar.procs.config import HEADS
 from trocar.procs.config.models.system_file import ArmKeys
 from trocar.tools.converters.keys import Keys
 from trocar.tools.converters.names import plain
+from trocar.tools.converters.report import Json
 from trocar.tools.converters.teleops import interface
-
-Json = dict[str, object]
 
 _TYPES = {"SUJ": "SUJ_Classic"}
 _DRIVEN = re.compile(r"(MTM|PSM|ECM)(_DERIVED)?\Z|SUJ_Classic\Z|FOCUS_CONTROLLER\Z")

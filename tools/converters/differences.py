@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterator
 
 from trocar.procs.config.read.problem import value_text
-
-Json = dict[str, object]
+from trocar.tools.converters.report import Json
 
 _NONE = "nothing"
 _HEAD = ("$id", "$version", "$schema")

@@ -13,11 +13,9 @@ from trocar.tools.converters.actuator import Actuators
 from trocar.tools.converters.element import Element
 from trocar.tools.converters.names import plain, today
 from trocar.tools.converters.pots import potentiometers
-from trocar.tools.converters.report import ConversionReport, number_text
+from trocar.tools.converters.report import ConversionReport, Json, number_text
 from trocar.tools.converters.units import FormatVersion, format_version_of
 from trocar.tools.converters.xmltext import XmlNode
-
-Json = dict[str, object]
 
 _MAX_ACTUATORS = 16
 _GRIPPER_AXIS = 7  # of the MTMs of versions 1 to 4: today the gripper is a robot of its own

@@ -9,7 +9,7 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from trocar.procs.config.read.problem import KeyPath, key_text, value_text
-from trocar.procs.config.read.validate import fields_of, unwrapped
+from trocar.procs.config.read.shapes import fields_of, unwrapped
 from trocar.tools.converters.names import file_today
 from trocar.tools.converters.report import NOT_READ, ConversionReport, Reference
 

@@ -6,11 +6,9 @@ import math
 
 from trocar.procs.config import HEADS
 from trocar.tools.converters.element import Element
-from trocar.tools.converters.report import ConversionReport, number_text
+from trocar.tools.converters.report import ConversionReport, Json, number_text
 from trocar.tools.converters.units import PRISMATIC, REVOLUTE
 from trocar.tools.converters.xmltext import XmlNode
-
-Json = dict[str, object]
 
 _TYPES = {"Revolute": REVOLUTE, "Prismatic": PRISMATIC}
 _INTERFACES = {"JointTorqueInterface": True}

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from trocar.tools.converters.element import Element
-from trocar.tools.converters.report import number_text
+from trocar.tools.converters.report import Json, number_text
 from trocar.tools.converters.units import FormatVersion, Unit
 
-Json = dict[str, object]
 Matrix = list[list[float]]
 
 _INVERSE = 1e-3  # as the original software compared the matrices of a block

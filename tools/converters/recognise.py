@@ -14,12 +14,10 @@ from trocar.tools.converters.armfile import convert_arm, looks_like_arm
 from trocar.tools.converters.console import convert_console, looks_like_console
 from trocar.tools.converters.io_xml import convert_io
 from trocar.tools.converters.pid_xml import convert_pid
-from trocar.tools.converters.report import CONVERTED, LOST, Change, ConversionReport, Reference
+from trocar.tools.converters.report import CONVERTED, LOST, Change, ConversionReport, Json, Reference
 from trocar.tools.converters.rob_text import convert_rob, looks_like_rob
 from trocar.tools.converters.setup import convert_setup, looks_like_setup
-from trocar.tools.converters.xmltext import XmlError, XmlNode, parse_xml
-
-Json = dict[str, object]
+from trocar.tools.converters.xmltext import XmlError, parse_xml
 
 UNKNOWN = "unknown"  # broken, or of a kind of ours that cannot be read
 OTHER = "other"  # not a configuration file; a run over a folder need not report it
@@ -100,12 +98,8 @@ def _xml(path: PurePath, data: bytes, report: ConversionReport) -> tuple[str, li
         return "io", outputs
     if root.tag == "controller" and root.attributes.get("type") == "PID":
         return "pid", [Output(f"{path.stem}.json", convert_pid(root, report))]
-    _refuse(root, report)
-    return UNKNOWN if root.tag == "controller" else OTHER, []
-
-
-def _refuse(root: XmlNode, report: ConversionReport) -> None:
     report.error(root.line, root.tag, "", "no known kind of file", "Config (IO), controller with type PID")
+    return UNKNOWN if root.tag == "controller" else OTHER, []
 
 
 def _text(path: PurePath, data: bytes, report: ConversionReport) -> tuple[str, list[Output]]:
@@ -144,14 +138,6 @@ def _from_console(path: PurePath, parsed: Parsed, report: ConversionReport) -> l
     return [Output(f"{stem}.json", files.system), *(Output(name, data) for name, data in files.arms.items())]
 
 
-def _from_arm(path: PurePath, parsed: Parsed, report: ConversionReport) -> list[Output]:
-    return [Output(path.name, convert_arm(parsed, path.name, report))]
-
-
-def _from_setup(path: PurePath, parsed: Parsed, report: ConversionReport) -> list[Output]:
-    return [Output(path.name, convert_setup(parsed, report))]
-
-
 def _is_headless(data: Json) -> bool:
     rows = any(isinstance(value, list) and value and isinstance(value[0], dict) for value in data.values())
     return rows and not {"$id", "$version"} <= set(data) and kind_of(data) in HEADS
@@ -169,8 +155,10 @@ def _with_head(path: PurePath, parsed: Parsed, report: ConversionReport) -> list
 
 _Reader = tuple[str, Callable[[Json], bool], Callable[[PurePath, Parsed, ConversionReport], list[Output]]]
 _READERS: tuple[_Reader, ...] = (
-    ("setup joints", looks_like_setup, _from_setup),
+    ("setup joints", looks_like_setup,
+     lambda path, parsed, report: [Output(path.name, convert_setup(parsed, report))]),
     ("console", looks_like_console, _from_console),
-    ("arm", looks_like_arm, _from_arm),
+    ("arm", looks_like_arm,
+     lambda path, parsed, report: [Output(path.name, convert_arm(parsed, path.name, report))]),
     ("without a head", _is_headless, _with_head),
 )

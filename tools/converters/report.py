@@ -14,6 +14,7 @@ DEFAULTED = "defaulted"  # missing in the old file; required in the new one
 DROPPED = "dropped"  # no longer needed
 LOST = "lost"  # the new format cannot express it, or needs data missing in the old one: a person must decide
 
+Json = dict[str, object]
 NOT_READ = "the original software did not read it"
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\Z")
 
@@ -49,10 +50,6 @@ class Reference:
     converted_with_it: bool  # by the same run
 
 
-def _nothing(name: str) -> str:
-    return ""
-
-
 @dataclass(slots=True)
 class ConversionReport:
     """Collects changes and problems while one file is converted.
@@ -61,7 +58,7 @@ class ConversionReport:
     """
 
     file: str
-    follow: Callable[[str], str] = _nothing
+    follow: Callable[[str], str] = lambda name: ""
     references: list[Reference] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
     problems: list[FileProblem] = field(default_factory=list)

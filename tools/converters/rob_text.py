@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import re
 
-from trocar.tools.converters.report import ConversionReport, finite
-
-Json = dict[str, object]
+from trocar.tools.converters.report import ConversionReport, Json, finite
 
 _CONVENTIONS = ("standard", "modified")
 _TYPES = {"revolute": "revolute", "hinge": "revolute", "prismatic": "prismatic", "slider": "prismatic"}

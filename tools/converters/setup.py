@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from trocar.procs.config.read.jsontext import Parsed
 from trocar.procs.config.read.problem import KeyPath, key_text, value_text
-from trocar.tools.converters.report import ConversionReport
-
-Json = dict[str, object]
+from trocar.tools.converters.report import ConversionReport, Json
 
 _OLD = {"plug-number", "serial-number", "brake-release-current", "primary-offsets", "simulated-position", "measured-cp",
         "world-origin-to-suj", "suj-tip-to-tool-origin"}

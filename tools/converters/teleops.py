@@ -12,8 +12,7 @@ from trocar.procs.config.models.system_file import (
     TeleopPsmParameters,
 )
 from trocar.tools.converters.keys import Keys
-
-Json = dict[str, object]
+from trocar.tools.converters.report import Json
 
 _INSIDE = ("configure_parameter", "PSM_base_frame")
 _ALIGN = "arms are aligned by their base_frame today"

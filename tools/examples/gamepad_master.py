@@ -1,6 +1,6 @@
 """A gamepad as the master of a teleoperation: an example of a program that takes an arm's place.
 
-    pip install evdev
+    pip install 'trocar[gamepad]'
     python -m trocar.tools.examples.gamepad_master
 """
 
@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
+from trocar.procs.machine.extras import missing
 from trocar.tools.cli import guarded
 from trocar.tools.client.provider import Provider
 from trocar.tools.client.scripting import provide
@@ -21,16 +22,14 @@ from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import note
 from trocar.tools.verbs.options import SystemOption
 
-MISSING = "gamepads are read with the package evdev: pip install evdev (or Trocar's extra gamepad)"
 HELD = "hold the left bumper to move, right trigger: gripper, B: clutch, X: camera; Ctrl-C ends it"
 
 
 def evdev() -> Any:
     """The package; Problem if it is not installed."""
-    try:
-        return importlib.import_module("evdev")
-    except ImportError:
-        raise Problem(MISSING) from None
+    if lacks := missing("evdev"):
+        raise Problem(lacks)
+    return importlib.import_module("evdev")
 
 
 def devices(package: Any) -> list[Device]:

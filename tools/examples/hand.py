@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from trocar.procs.document.system import from_json
 from trocar.shm.mailbox.client import MailboxFull
+from trocar.shm.memory.closable import Closable
 from trocar.shm.system import directory
 from trocar.shm.time.clock import pause
 from trocar.shm.time.system_time import Patience
 from trocar.tools.client.remote import Remote
 from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord, SimTeleop
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 Array = NDArray[np.float64]

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.shm.mailbox.client import Client
+from trocar.shm.memory.closable import Closable
 from trocar.shm.system import directory
 from trocar.shm.time.clock import pause
 from trocar.shm.time.system_time import Patience
 from trocar.tools.client.remote import Remote
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import plain
 from trocar.tools.systems.find import instances_of_kind
@@ -29,7 +29,7 @@ class SeenRecord:
 
     def __init__(self, system: str, name: str, kind: str) -> None:
         self.name = name
-        self.ring = directory.reader(system, name, "state", kind)
+        self.ring = directory.reader(system, name, "state", kind, often=False)
 
     def value(self, field: str) -> Any:
         """A field of the newest record as a Python value; Problem: there is none."""

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from trocar.procs.fpga import registers
+from trocar.procs.fpga.blocks import LAYOUTS
 from trocar.procs.machine.paths import ROOT
+from trocar.shm.memory.closable import Closable
 from trocar.shm.time.clock import pause
 from trocar.tools.inspect.watch import document_of
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.systems.cleanup import await_end
 from trocar.tools.systems.find import all_up
@@ -41,6 +42,11 @@ class FoundBoard:
     fpga: int
     description: int
     is_hub: bool
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether its firmware is newer than those that are known."""
+        return self.firmware > max(number for number, row in LAYOUTS.items() if not row.is_assumed)
 
     @property
     def title(self) -> str:
@@ -113,8 +119,10 @@ class BusClient(Closable):
     def serials(self, board: FoundBoard) -> dict[str, str]:
         """Serial numbers of FPGA board and QLA, 1234-56, out of their PROMs; empty where none was ever written.
 
-        Asking writes command registers, which refreshes the watchdog.
+        Asking writes command registers, which refreshes the watchdog. Boards of unknown firmware are not asked.
         """
+        if board.is_unknown:
+            return NO_SERIALS
         fpga = self._serial(board, "FPGA", registers.PROM_COMMAND, FPGA_COMMAND, registers.PROM_COMMAND,
                             registers.FPGA_PROM)
         qla = self._serial(board, "QLA", registers.QLA_PROM_COMMAND, QLA_COMMAND, registers.QLA_PROM_STATUS,

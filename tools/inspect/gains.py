@@ -66,9 +66,8 @@ def present(system: str, wanted: Sequence[str]) -> list[Present]:
 
 def _of_robot(system: str, io: IoConfig, robot: str) -> Present:
     pid = next(pid for pid in io.pids if pid.robot == robot)
-    names = [r.name for r in io.robots]
-    first = sum(len(r.actuators) for r in io.robots[: names.index(robot)])
-    with contextlib.closing(directory.reader(system, io.name, IO_GAINS.name, "io")) as ring:
+    first = io.place(robot).axes.start
+    with contextlib.closing(directory.reader(system, io.name, IO_GAINS.name, "io", often=False)) as ring:
         if ring.gone or not ring.newest():
             raise Problem(f"{io.name}, which has the gains of {robot}, does not run (trocar status)")
         values = {gain.key: ring.field(gain.key)[first : first + len(pid.axes)].astype(np.float64) for gain in GAINS}

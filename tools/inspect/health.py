@@ -24,14 +24,14 @@ class HealthWatch:
     def __init__(self, system: str, io: str) -> None:
         """`io` is the instance with the monitored cycles."""
         self.system, self._io = system, io
-        self._reader = directory.reader(system, io, "state", "io")
+        self._reader = directory.reader(system, io, "state", "io", often=False)
         self._recv, self._write = self._reader.field("recv_ns"), self._reader.field("write_ns")
         self._stamps: deque[int] = deque(maxlen=KEPT)
         self._latency: deque[int] = deque(maxlen=KEPT)
         self._first: tuple[int, int] | None = None  # number and stamp of a record
         self._last = (0, 0)
         self._events = {
-            instance: directory.reader(system, instance, ring)
+            instance: directory.reader(system, instance, ring, often=False)
             for instance, ring in directory.rings(system) if ring == "events"
         }
         self._begin = {process.name: process for process in statuses(system)}

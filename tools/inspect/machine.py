@@ -15,12 +15,24 @@ from typing import Any, Final
 
 import psutil
 
+from trocar.procs.machine.logind import at_logout
 from trocar.procs.machine.open_files import raised, shortage
 from trocar.procs.machine.paths import ROOT, STATE_REMEDY, log_folder, why_not_writable
 from trocar.procs.machine.port_holders import SocketHolder, holders
+from trocar.procs.native.library import NativeLibrary
 from trocar.procs.native.library import native as library
-from trocar.procs.node.realtime import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, is_urgent, limits_lines, user
+from trocar.procs.node.realtime import (
+    CONTAINER,
+    LIMITS_FILE,
+    NO_FIFO,
+    NOT_LOCKED,
+    SYSTEMD,
+    is_urgent,
+    limits_lines,
+    user,
+)
 from trocar.shm.memory.segment import FOLDER
+from trocar.tools.inspect import service
 from trocar.tools.systems.find import environment, left_over, other_owner
 from trocar.tools.systems.processes import running
 
@@ -35,6 +47,7 @@ LOOK_S: Final = 1.0
 BUSY_PERCENT: Final = 20.0  # of a core, from which on a process is named
 NAMED: Final = 3
 ETHERNET: Final = "1"  # as /sys/class/net/*/type has it
+CONTAINER_MARKS: Final = (".dockerenv", "run/.containerenv")
 ASK: Final = """
 from trocar.procs.document.process import Process
 from trocar.procs.node.realtime import in_words, lock_memory, realtime
@@ -55,16 +68,18 @@ class MachineFinding:
 def findings() -> Iterator[MachineFinding]:
     """All of them; takes a good second, in which the processors are measured."""
     yield kernel()
-    yield compiled(library().why)
+    yield compiled(library())
     yield rights(obtained())
     yield cores(len(psutil.Process().cpu_affinity()))
     yield governor()
     yield shared_memory()
+    yield logout(*at_logout(os.getuid()))
     yield state_folder(os.environ)
     yield open_files(*resource.getrlimit(resource.RLIMIT_NOFILE))
     yield ports(holders(BOARDS_PORT))
     yield network(psutil.net_if_addrs())
-    yield from firewire()
+    yield firewire()
+    yield from as_service()
     yield from load()
 
 
@@ -77,13 +92,13 @@ def kernel(root: Path = Path("/")) -> MachineFinding:
     return MachineFinding("kernel", NOTE, f"{release}, no real-time kernel: occasionally late by milliseconds", mend)
 
 
-def compiled(why_not: str) -> MachineFinding:
-    """Whether the most expensive parts of io, arms and emulated boards run in C."""
-    if not why_not:
-        return MachineFinding("compiled part", OK, "the costly parts of io, arms and emulated boards run in C")
-    found = f"io, arms and emulated boards run on numpy, at two to five times the cost: {why_not}"
+def compiled(found: NativeLibrary) -> MachineFinding:
+    """Whether the most expensive parts of io, arms and emulated boards run in C, and in which file."""
+    if found.library is not None:
+        return MachineFinding("compiled part", OK, f"io, arms and emulated boards run in C: {found.file}")
+    text = f"io, arms and emulated boards run on numpy, at two to five times the cost: {found.why}"
     mend = "sudo apt-get install gcc libc6-dev    # then python -m trocar.procs.native.build"
-    return MachineFinding("compiled part", NOTE, found, mend)
+    return MachineFinding("compiled part", NOTE, text, mend)
 
 
 def obtained() -> str:
@@ -93,14 +108,19 @@ def obtained() -> str:
     return done.stdout.strip() or f"{NO_FIFO}, {NOT_LOCKED}"
 
 
-def rights(words: str) -> MachineFinding:
+def rights(words: str, root: Path = Path("/")) -> MachineFinding:
     """Real-time priority and locked memory."""
     lacking = [text for mark, text in ((NO_FIFO, "no real-time priority"), (NOT_LOCKED, "memory cannot be locked"))
                if mark in words]
     if not lacking:
         return MachineFinding("rights", OK, words)
-    lines = " ".join(f"'{line}'" for line in limits_lines(user()))
-    mend = f"printf '%s\\n' {lines} | sudo tee -a {LIMITS_FILE}    # then log in again; systemd: {SYSTEMD}"
+    lines = limits_lines(user())
+    quoted = " ".join(f"'{line}'" for line in lines)
+    mend = f"printf '%s\\n' {quoted} | sudo tee -a {LIMITS_FILE}    # then log in again; systemd: {SYSTEMD}"
+    if set(lines) <= set(_text(root / LIMITS_FILE[1:]).splitlines()):
+        mend = f"log in again: {LIMITS_FILE} has been changed since your login"
+    if any((root / mark).exists() for mark in CONTAINER_MARKS):
+        mend = f"docker run {CONTAINER}"
     return MachineFinding("rights", BAD, f"{' and '.join(lacking)} for {user()}", mend)
 
 
@@ -142,6 +162,11 @@ def shared_memory(folder: Path = FOLDER) -> MachineFinding:
         return MachineFinding("shared memory", NOTE, f"{found}; crashed systems have left:  {', '.join(left)}",
                               "; ".join(map(_down, left)))
     return MachineFinding("shared memory", OK, found)
+
+
+def logout(wrong: str, mend: str) -> MachineFinding:
+    """Whether logind removes our shared memory when we log out."""
+    return MachineFinding("logout", NOTE if wrong else OK, wrong or "shared memory stays when you log out", mend)
 
 
 def state_folder(environ: Mapping[str, str]) -> MachineFinding:
@@ -189,18 +214,29 @@ def network(addresses: Mapping[str, Sequence[Any]], root: Path = Path("/")) -> M
                           f"sudo ip address add 169.254.0.1/16 dev {free}")
 
 
-def firewire(root: Path = Path("/")) -> Iterator[MachineFinding]:
-    """Whether there are cards, and whether we may use them."""
-    devices = sorted((root / "dev").glob("fw[0-9]*"))
+def firewire(root: Path = Path("/")) -> MachineFinding:
+    """Whether there are cards and controllers, and whether we may use them."""
+    devices = service.firewire_devices(root)
     closed = [device for device in devices if not os.access(device, os.R_OK | os.W_OK)]
     if not devices:
-        yield MachineFinding("FireWire", NOTE, "no card: boards on a port fw need one",
-                             "lspci | grep -i firewire    # where it has one: sudo modprobe firewire-ohci")
-    elif closed:
-        yield MachineFinding("FireWire", BAD, f"no right to use {', '.join(map(str, closed))}",
-                             f"sudo setfacl -m u:{user()}:rw {' '.join(map(str, closed))}")
-    else:
-        yield MachineFinding("FireWire", OK, ", ".join(map(str, devices)))
+        return MachineFinding("FireWire", NOTE, "no card: boards on a port fw need one",
+                              "lspci | grep -i firewire    # where it has one: sudo modprobe firewire-ohci")
+    if not closed:
+        return MachineFinding("FireWire", OK, ", ".join(map(str, devices)))
+    return MachineFinding("FireWire", BAD, f"no right to use {', '.join(map(str, closed))}",
+                          f"{service.opens(closed[0], user())}    # then log in again")
+
+
+def as_service(root: Path = Path("/")) -> Iterator[MachineFinding]:
+    """The unit of systemd that starts a robot, if there is one."""
+    unit = service.installed(root)
+    if unit is None:
+        return
+    wrong = list(unit.problems(root))
+    for text, mend in wrong:
+        yield MachineFinding("service", BAD, text, mend)
+    if not wrong:
+        yield MachineFinding("service", OK, f"{unit.file} runs as {unit.user}")
 
 
 def load() -> Iterator[MachineFinding]:

@@ -82,7 +82,7 @@ def asked_rows(system: str, instance: str | None, most: int) -> tuple[list[dict[
                       "trocar recordings, trocar logs --commands --recording FILE")
     for name, topic in rings:
         if topic == AUDIT and instance in (None, name):
-            with contextlib.closing(directory.reader(system, name, AUDIT)) as ring:
+            with contextlib.closing(directory.reader(system, name, AUDIT, often=False)) as ring:
                 kept = ring.last(ring.depth)
             count += len(kept)
             found += [{"process": name, **_asked_row(row)} for row in kept[len(kept) - min(most, len(kept)):]]

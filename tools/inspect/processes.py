@@ -6,24 +6,27 @@ import contextlib
 import dataclasses
 import os
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import NDArray
 
+from trocar.procs.crtk.reported import supervised
+from trocar.procs.document.bridges import reached_at
 from trocar.procs.document.process import ALWAYS, ELSEWHERE, Process, processes_of
 from trocar.procs.node.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
 from trocar.procs.tables.lifecycle import is_meant
-from trocar.procs.tables.manifest import FILTERS, IN_TIME, THIRD_PARTY, late_s
-from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_name, start_time
+from trocar.procs.tables.manifest import FILTERS, IN_TIME, THIRD_PARTY, silence_s
+from trocar.shm.memory.parts import removed_words
+from trocar.shm.memory.segment import SegmentError, names_of, start_time
 from trocar.shm.system import directory
 from trocar.shm.time.clock import boottime_ns, monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.system_time import SystemTime
-from trocar.tools.inspect.replayed import is_replay, recorded_clock
+from trocar.tools.inspect.replayed import recorded_clock
 from trocar.tools.output.printing import counted, number, plain
-from trocar.tools.systems.find import alive, is_simulated
+from trocar.tools.systems.find import alive, is_simulated, state_info
 from trocar.tools.systems.processes import SUPERVISOR
 
 DEAD, FAILED, NOT_RUNNING = "dead", "failed", "not running"  # problems
@@ -50,9 +53,7 @@ ENDING = ("STOPPING", "RESTARTING")  # the process may not have received it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
 STATISTICS = ("period", "work", "latency")
 PARTS = ("avg", "std", "min", "max", "p99")
-OF_THE_SYSTEM = ("document", "faults")  # segments that the supervisor has for all
-GONE = "gone from shared memory"
-PAGE_GONE = f"its control page is {GONE}"
+PAGE_GONE = "its control page is gone from shared memory"
 SLOW_TIME = 0.02
 """Simulated over real time; a busy machine alone does not make it so slow."""
 STANDS_S = 0.5
@@ -147,7 +148,7 @@ class ProcessStatus:
     @property
     def works(self) -> bool:
         """Whether it works, if slowly or with a problem that it reports itself."""
-        return self.lives and not self.word and not self.problem.endswith(GONE)
+        return self.lives and not self.word
 
     @property
     def said(self) -> str:
@@ -161,24 +162,11 @@ class ProcessStatus:
 
 def statuses(system: str) -> list[ProcessStatus]:
     """Every process of a system, the supervisor first, also one without its control page."""
-    ledger, rows = _ledger(system), _rows(system)
-    simulated = is_simulated(system)
-    there = names_of(system)
+    ledger, rows, simulated = _ledger(system), _rows(system), is_simulated(system)
     ours = [] if recorded_clock(system) else [row.name for row in rows.values() if row.start != ELSEWHERE]
-    found = []
-    for name in dict.fromkeys((SUPERVISOR, *directory.instances(system), *ours)):
-        reported = _reported(system, name)
-        known = {"kind": reported.get("kind") or (rows[name].kind if name in rows else ""), **ledger.get(name, {})}
-        try:
-            page = ControlPage(system, name)
-        except SegmentError as error:
-            lost = PAGE_GONE if (system, name, "control") not in there else str(error)
-            found.append(_without_page(name, known, lost))
-            continue
-        with contextlib.closing(page):
-            lost = _lost_of(page, [what for _, instance, what in there if instance == name])
-            process = _life(name, page, known, simulated, rows.get(name), lost)
-            found.append(dataclasses.replace(process, simulation=str(reported.get("simulation", ""))))
+    found = [_read(system, name, rows.get(name), ledger.get(name, {}), simulated)
+             for name in dict.fromkeys((SUPERVISOR, *directory.instances(system), *ours))]
+    found[0] = dataclasses.replace(found[0], problem=found[0].problem or removed_words(system))
     if found[0].state != "RUNNING":  # it is being stopped as a whole
         return found
     slow, speed = _waited_for(system) if simulated else ("", 1.0)
@@ -186,16 +174,21 @@ def statuses(system: str) -> list[ProcessStatus]:
     return [dataclasses.replace(one, problem=STOPPED) if _is_stopped(one, rows) else one for one in found]
 
 
-def _lost_of(page: ControlPage, there: Collection[str]) -> str:
-    """Segments named in its control page that are not `there` any more, in words; empty: none."""
-    if is_replay(page.segment.header.info):
-        return ""
-    wanted = page.segment.header.info.get("wanted")
-    topics = {str(name).partition("/")[0] for name in wanted} if isinstance(wanted, list) else set()
-    topics |= {"mailbox"} if "audit" in topics else set()
-    topics |= set(OF_THE_SYSTEM) if page.instance == SUPERVISOR else set()
-    lost = sorted(topics - set(there))
-    return f"its {', '.join(lost)} {'is' if len(lost) == 1 else 'are'} {GONE}" if lost else ""
+def _read(system: str, name: str, row: Process | None, ledger: Mapping[str, Any], simulated: bool) -> ProcessStatus:
+    reported = state_info(system, name)
+    kind = ledger.get("kind") or reported.get("kind") or (row.kind if row is not None else "")
+    row = dataclasses.replace(row or Process(name, "", 0.0, start=ELSEWHERE),
+                              kind=SUPERVISOR if name == SUPERVISOR else str(kind))
+    try:
+        page = ControlPage(system, name)
+    except SegmentError as error:
+        lost = PAGE_GONE if (system, name, "control") not in names_of(system) else str(error)
+        return ProcessStatus(name, row.kind, "UNKNOWN", problem=lost, restarts=int(ledger.get("restarts", 0)),
+                             exit_reason=str(ledger.get("exit_reason", "")), endings=ledger.get("endings", ()),
+                             lives=False)
+    with contextlib.closing(page):
+        look = _Look(page, row, ledger, simulated, alive(page.segment.identity()))
+        return _status(look, str(reported.get("simulation", "")))
 
 
 def _in_slow_time(found: list[ProcessStatus], slow: str, speed: float) -> list[ProcessStatus]:
@@ -224,9 +217,8 @@ def _waited_for(system: str) -> tuple[str, float]:
             awake.update(name for name, page in pages.items() if not page.get("wakeup"))
         speed = (time.now_ns() - begin_ns) / (monotonic_ns() - begin_real_ns)
         ((name, times),) = awake.most_common(1) or [("", 0)]
-        if speed >= SLOW_TIME or time.is_held or times < NEARLY_ALWAYS * LOOKS:
-            return "", 1.0
-        return name, speed
+        if speed < SLOW_TIME and not time.is_held and times >= NEARLY_ALWAYS * LOOKS:
+            return name, speed
     return "", 1.0
 
 
@@ -236,44 +228,25 @@ def _is_stopped(one: ProcessStatus, rows: Mapping[str, Process]) -> bool:
         one.name in rows and rows[one.name].start == ALWAYS)
 
 
-def _without_page(name: str, known: dict[str, Any], lost: str) -> ProcessStatus:
-    return ProcessStatus(name, SUPERVISOR if name == SUPERVISOR else str(known["kind"]), "UNKNOWN", problem=lost,
-                         restarts=int(known.get("restarts", 0)), exit_reason=str(known.get("exit_reason", "")),
-                         lives=False, endings=known.get("endings", ()))
-
-
 def _rows(system: str) -> dict[str, Process]:
     """The configuration of each process; empty if it is unreadable."""
     try:
-        return {row.name: row for row in processes_of(directory.document(system))}
+        text = directory.document(system)
+        reached = reached_at(text)
+        return {row.name: dataclasses.replace(row, listen=row.listen or reached.get(row.name, ()))
+                for row in processes_of(text)}
     except (SegmentError, ValueError):
-        return {}
-
-
-def _reported(system: str, name: str) -> dict[str, Any]:
-    """Its state record's header data; any content is possible."""
-    try:
-        with Segment(segment_name(system, name, "state")) as segment:
-            return dict(segment.header.info)
-    except (SegmentError, ValueError, KeyError, TypeError, AttributeError):
         return {}
 
 
 def _ledger(system: str) -> dict[str, dict[str, Any]]:
     """The supervisor's record of each instance."""
-    try:
-        reader = directory.reader(system, SUPERVISOR, "state", SUPERVISOR, often=False)
-    except SegmentError:
-        return {}
-    with contextlib.closing(reader):
-        if not reader.newest():
-            return {}
-        names = ("instance", "kind", "lifecycle", "restarts", "exit_reason")
-        columns = {name: plain(reader.field(name)) for name in names}
+    with contextlib.suppress(SegmentError), contextlib.closing(
+            directory.reader(system, SUPERVISOR, "state", SUPERVISOR, often=False)) as reader:
         ended = endings(reader.last(ALL))
-    rows = [dict(zip(names, values, strict=True)) for values in zip(*columns.values(), strict=True)]
-    return {str(row["instance"]): {**row, "endings": ended.get(str(row["instance"]), ())} for row in rows
-            if row["instance"]}
+        return {name: {**row, "endings": ended.get(name, ())} for name, row in
+                supervised(reader, "kind", "lifecycle", "restarts", "exit_reason").items()}
+    return {}
 
 
 def endings(records: NDArray[Any]) -> dict[str, tuple[PastProcess, ...]]:
@@ -294,67 +267,86 @@ def endings(records: NDArray[Any]) -> dict[str, tuple[PastProcess, ...]]:
     return {name: tuple(rows[-KEPT:]) for name, rows in found.items()}
 
 
-def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool, row: Process | None, lost: str
-          ) -> ProcessStatus:
-    kind = SUPERVISOR if name == SUPERVISOR else str(ledger.get("kind", ""))
-    state, lives_on = page.state, alive(page.segment.identity())
-    lifecycle, exit_reason = str(ledger.get("lifecycle", "")), str(ledger.get("exit_reason", ""))
-    counts = {count: page.get(count) for count in COUNTS}
-    statistics = {which: {part: float(page.get(f"{which}_{part}")) for part in PARTS} for which in STATISTICS}
-    statistics = {which: parts for which, parts in statistics.items() if parts["max"] > 0.0 and lives_on}
-    period, work = statistics.get("period"), statistics.get("work")
-    beat = int(page.get("heartbeat_ns"))
-    is_theirs = kind in THIRD_PARTY and (row is None or row.start == ELSEWHERE)
-    shown = SHOWN_OF_OTHERS.get(state, state) if is_theirs else state
-    shown = lifecycle if lifecycle in ENDING or (lifecycle, shown) == ("STOPPED", "CREATED") else shown
-    known = row or Process(name, kind, 0.0)
-    problem = lost or _problem(known, state, lives_on, page, simulated, exit_reason, lifecycle)
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """One look at a process: its control page, configuration and record in the supervisor, and whether it lives."""
+
+    page: ControlPage
+    row: Process
+    ledger: Mapping[str, Any]
+    simulated: bool
+    lives: bool
+
+    @property
+    def lifecycle(self) -> str:
+        return str(self.ledger.get("lifecycle", ""))
+
+    @property
+    def exit_reason(self) -> str:
+        return str(self.ledger.get("exit_reason", ""))
+
+    @property
+    def state(self) -> str:
+        """As `status` shows it."""
+        state, lifecycle = self.page.state, self.lifecycle
+        if self.row.kind in THIRD_PARTY and self.row.start == ELSEWHERE:
+            state = SHOWN_OF_OTHERS.get(state, state)
+        return lifecycle if lifecycle in ENDING or (lifecycle, state) == ("STOPPED", "CREATED") else state
+
+    @property
+    def restarted_s(self) -> float | None:
+        """How long the process runs, if the supervisor started it again a short while ago; else None."""
+        if not self.lives or not self.exit_reason or is_meant(self.exit_reason):
+            return None
+        began = start_time(int(self.page.get("pid")))
+        age_s = boottime_ns() * 1e-9 - began / TICKS
+        return age_s if began and self.ledger.get("restarts") and age_s < RECENT_S else None
+
+    def problem(self) -> str:
+        state = self.page.state
+        if state == "FAILED" and (self.lives or self.lifecycle in ("STOPPED", "")):
+            return f"{FAILED}: {plain(self.page.get('error'))}"
+        if not self.lives:
+            return self._end(state)
+        if state != "RUNNING":
+            return ""
+        if _stalled(self.row, self.page, self.simulated):
+            return SILENT if self.row.kind in THIRD_PARTY else STALLED
+        return str(plain(self.page.get("error"))) or ("" if self.simulated else _slow(self.row, self.page))
+
+    def _end(self, state: str) -> str:
+        """Of a process that does not live."""
+        if self.lifecycle == "RESTARTING" or (self.lifecycle == "RUNNING" and state in ("CREATED", "FAILED")):
+            return ""
+        by_itself = self.lifecycle == "STOPPED" and self.row.on_exit == "restart" and not is_meant(self.exit_reason)
+        if self.exit_reason and (state == "CREATED" or (state == "STOPPED" and by_itself)):
+            return f"{NOT_RUNNING}: {self.exit_reason}"
+        return DEAD if self.row.kind == SUPERVISOR or state in ("STARTING", "RUNNING", "STOPPING") else ""
+
+
+def _status(look: _Look, simulation: str) -> ProcessStatus:
+    page, row, problem = look.page, look.row, look.problem()
+    measured = {which: {part: float(page.get(f"{which}_{part}")) for part in PARTS} for which in STATISTICS}
+    measured = {which: parts for which, parts in measured.items() if parts["max"] > 0.0 and look.lives}
+    period, work, beat = measured.get("period"), measured.get("work"), int(page.get("heartbeat_ns"))
     return ProcessStatus(
-        name=name, kind=kind, state=DEAD.upper() if problem == DEAD else shown, pid=int(page.get("pid")),
+        name=row.name, kind=row.kind, state=DEAD.upper() if problem == DEAD else look.state, pid=int(page.get("pid")),
         rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
         period_p99_s=period["p99"] if period else None, work_p99_s=work["p99"] if work else None,
-        **counts,
-        restarts=int(ledger.get("restarts", 0)), exit_reason=exit_reason,
-        scheduling=str(plain(page.get("policy"))),
-        silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
-        computes=str(plain(page.get("computes"))), lifecycle=lifecycle, endings=ledger.get("endings", ()),
-        host=row.host if row is not None else "",
-        listen=row.listen if row is not None else (), cpus=row.cpus if row is not None else (),
-        after=row.after if row is not None else (),
-        problem=problem, statistics=statistics, lives=lives_on,
-        restarted_s=_restarted_s(page, ledger) if lives_on and exit_reason and not is_meant(exit_reason) else None,
-    )
-
-
-def _restarted_s(page: ControlPage, ledger: dict[str, Any]) -> float | None:
-    """How long its process runs, where that is one that was started again, a short while ago."""
-    began = start_time(int(page.get("pid")))
-    age_s = boottime_ns() * 1e-9 - began / TICKS
-    return age_s if began and ledger.get("restarts") and age_s < RECENT_S else None
-
-
-def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool, exit_reason: str,
-             lifecycle: str) -> str:
-    if state == "FAILED" and (lives_on or lifecycle in ("STOPPED", "")):
-        return f"{FAILED}: {plain(page.get('error'))}"
-    if not lives_on and (lifecycle == "RESTARTING" or (lifecycle == "RUNNING" and state in ("CREATED", "FAILED"))):
-        return ""
-    if not lives_on:
-        ended_by_itself = lifecycle == "STOPPED" and row.on_exit == "restart" and not is_meant(exit_reason)
-        if exit_reason and (state == "CREATED" or (state == "STOPPED" and ended_by_itself)):
-            return f"{NOT_RUNNING}: {exit_reason}"
-        return DEAD if row.kind == SUPERVISOR or state in ("STARTING", "RUNNING", "STOPPING") else ""
-    if state == "RUNNING" and _stalled(row, page, simulated):
-        return SILENT if row.kind in THIRD_PARTY else STALLED
-    if state != "RUNNING":
-        return ""
-    return str(plain(page.get("error"))) or ("" if simulated else _slow(row, page))
+        **{count: page.get(count) for count in COUNTS},
+        restarts=int(look.ledger.get("restarts", 0)), exit_reason=look.exit_reason,
+        scheduling=str(plain(page.get("policy"))), silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
+        problem=problem, statistics=measured, simulation=simulation, lifecycle=look.lifecycle,
+        endings=look.ledger.get("endings", ()), cpus=row.cpus, listen=row.listen,
+        computes=str(plain(page.get("computes"))), after=row.after, host=row.host, restarted_s=look.restarted_s,
+        lives=look.lives)
 
 
 def _slow(row: Process, page: ControlPage) -> str:
-    """On the wall clock: it runs at less than half of its rate."""
+    """On the wall clock: it misses more than half of its deadlines."""
     period_s = float(page.get("period_avg")) if row.kind in PACED else 0.0
-    if row.period_s <= 0.0 or period_s <= SLOW * row.period_s:
+    rests = page.get("interval_missed") < page.get("interval_cycles")
+    if row.period_s <= 0.0 or period_s <= SLOW * row.period_s or rests:
         return ""
     return f"runs at {1 / period_s:.4g} Hz instead of {1 / row.period_s:.4g}: this machine is too slow (trocar doctor)"
 
@@ -363,7 +355,7 @@ def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
     """Whether a process is silent for longer than allowed, also at a second look: one late cycle is no stall."""
     try:
         # In simulated time all wait for a process that has no core, so it may be silent for longer.
-        late_ns = max(late_s(row), SIMULATED_LATE_S if simulated else 0.0) * 1e9
+        late_ns = max(silence_s(row), SIMULATED_LATE_S if simulated else 0.0) * 1e9
     except KeyError:
         return False
     beat = int(page.get("heartbeat_ns"))
@@ -381,8 +373,7 @@ def cells(process: ProcessStatus) -> tuple[str, ...]:
     in_ms = [number(None if s is None else s * 1e3, ".3f") for s in (process.period_p99_s, process.work_p99_s)]
     name = f"{process.name} {process.simulation}".rstrip()
     return (name, process.state, str(process.pid or "–"), number(process.rate_hz), *in_ms, str(process.missed),
-            str(process.restarts),
-            process.problem)
+            str(process.restarts), process.problem)
 
 
 def remarks(process: ProcessStatus) -> str:

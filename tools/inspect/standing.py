@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from numpy.typing import NDArray
 
 from trocar.procs.machine.verb_lines import REMEDY
-from trocar.procs.tables.codes import IO_TIMEOUT, SHARED_BOARD
+from trocar.procs.tables.codes import IO_TIMEOUT, MEMORY_REMOVED, SHARED_BOARD
 from trocar.procs.tables.lifecycle import DONE, is_meant, may_have_written
 from trocar.procs.tables.operator_waits import OF_THE_OPERATOR
 from trocar.shm.memory.segment import SegmentError
@@ -22,9 +22,9 @@ from trocar.tools.inspect.processes import (
     DEAD,
     DETACHED,
     FAILED,
-    GONE,
     NOT_ATTACHED,
     NOT_RUNNING,
+    PAGE_GONE,
     SILENT,
     STALLED,
     STOPPED,
@@ -34,6 +34,7 @@ from trocar.tools.output.printing import plain, span
 from trocar.tools.systems.processes import SUPERVISOR, commissioning
 
 FAULT, ON, OFF, FOLLOWING = "FAULT", "teleoperation on", "teleoperation off", ", following"
+ARMS = ("arm", "suj")
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "stamp_ns", "monotonic_ns",
               "local_ns")
 CAUSED_NS, SEEN_LATER_NS = 3_000_000_000, 500_000_000
@@ -210,41 +211,79 @@ def _fault_ns(events: NDArray[Any] | None) -> int:
 
 def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     """The first step for a person, in a line; empty: all is well."""
-    unwell = sorted((process for process in processes if process.problem), key=lambda one: not one.moves_the_robot)
-    first = next((one for one in unwell if one.moves_the_robot and not one.works), None)
-    if first is not None:
-        return _with_help(first)
+    return next(filter(None, (step(processes, found) for step in STEPS)), "")
+
+
+Step = Callable[[Sequence[ProcessStatus], Sequence[Standing]], str]
+"""One kind of problem of a system, with its remedy; empty: it has none of this kind."""
+
+
+def _of_a_driver(processes: Sequence[ProcessStatus], _: Sequence[Standing]) -> str:
+    """A process without which arms cannot move has ended or hangs."""
+    return next((_with_help(one) for one in processes if one.problem and one.moves_the_robot and not one.works), "")
+
+
+def _fault(_: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     faults = sorted((one for one in found if one.is_fault), key=_cause_first)
-    if faults:
-        one = faults[0]
-        hint = f"; {one.fault['hint']}" if one.fault and one.fault["hint"] else ""
-        others = " ".join(each.name for each in faults if f"trocar home {each.name}" not in hint)
-        what = one.reason if one.name in one.reason else f"{one.name}: {one.reason}" if one.reason else (
-            f"{one.name} is in FAULT")
-        return f"{what}{hint}{f'. Then: trocar home {others}' if others else ''}"
-    if unwell:
-        return _with_help(unwell[0])
-    again = next((process for process in processes if process.restarted_s is not None or process.begins_again), None)
-    if again is not None:
-        since = "is not up yet" if again.begins else f"was restarted {span(again.restarted_s or 0.0)} ago"
-        return f"{again.name} {since}: {again.exit_reason}{_logs(again, again.exit_reason)}"
-    waiting = next((one for one in found if one.person), None)
-    if waiting is not None:
-        return f"{waiting.name} waits: {waiting.reason}"
-    begins = [process.name for process in processes if process.begins]
-    on_its_way = next((one for one in found if one.kind in ("arm", "suj") and (one.reason or one.is_between)), None)
-    if on_its_way is not None:
-        return f"wait for {on_its_way.name}: {', '.join(filter(None, (on_its_way.state, on_its_way.reason)))}"
-    follows_none = next((one for one in found if one.holds_up), None)
-    if follows_none is not None and any(one.kind == "console" and one.state.startswith(ON) and not one.reason
-                                        for one in found):
-        return f"{follows_none.name}: {follows_none.reason}"
+    if not faults:
+        return ""
+    one = faults[0]
+    hint = f"; {one.fault['hint']}" if one.fault and one.fault["hint"] else ""
+    others = " ".join(each.name for each in faults if f"trocar home {each.name}" not in hint)
+    what = f"{one.name}: {one.reason}" if one.reason else f"{one.name} is in FAULT"
+    what = one.reason if one.name in one.reason else what
+    return f"{what}{hint}{f'. Then: trocar home {others}' if others else ''}"
+
+
+def _of_a_process(processes: Sequence[ProcessStatus], _: Sequence[Standing]) -> str:
+    """Any other problem of a process; those of processes that move the robot come first."""
+    unwell = sorted((one for one in processes if one.problem), key=lambda one: not one.moves_the_robot)
+    return _with_help(unwell[0]) if unwell else ""
+
+
+def _restarted(processes: Sequence[ProcessStatus], _: Sequence[Standing]) -> str:
+    again = next((one for one in processes if one.restarted_s is not None or one.begins_again), None)
+    if again is None:
+        return ""
+    since = "is not up yet" if again.begins else f"was restarted {span(again.restarted_s or 0.0)} ago"
+    return f"{again.name} {since}: {again.exit_reason}{_logs(again, again.exit_reason)}"
+
+
+def _waiting(_: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
+    """Something waits for a person."""
+    return next((f"{one.name} waits: {one.reason}" for one in found if one.person), "")
+
+
+def _on_its_way(_: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
+    """An arm changes its state, or waits for a condition."""
+    return next((f"wait for {one.name}: {', '.join(filter(None, (one.state, one.reason)))}" for one in found
+                 if one.kind in ARMS and (one.reason or one.is_between)), "")
+
+
+def _not_following(_: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
+    """A teleoperation does not follow although its console has switched it on."""
+    is_on = any(one.kind == "console" and one.state.startswith(ON) and not one.reason for one in found)
+    return next((f"{one.name}: {one.reason}" for one in found if one.holds_up), "") if is_on else ""
+
+
+def _silent(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
+    """Something waits for a silent process, although all are up."""
     silent = next((one for one in found if one.silent), None)
-    if silent is not None and not begins:
-        missing = [f"; {one.name}: {one.reason}" for one in found if one.kind == "third_party" and one.reason
-                   and f"{one.name} is silent" in silent.reason]
-        return f"{silent.name}: {silent.reason}{''.join(missing)}"
+    if silent is None or any(one.begins for one in processes):
+        return ""
+    missing = [f"; {one.name}: {one.reason}" for one in found if one.kind == "third_party" and one.reason
+               and f"{one.name} is silent" in silent.reason]
+    return f"{silent.name}: {silent.reason}{''.join(missing)}"
+
+
+def _beginning(processes: Sequence[ProcessStatus], _: Sequence[Standing]) -> str:
+    begins = [one.name for one in processes if one.begins]
     return f"{', '.join(begins)} {'is' if len(begins) == 1 else 'are'} not up yet; wait for it" if begins else ""
+
+
+STEPS: Final[tuple[Step, ...]] = (_of_a_driver, _fault, _of_a_process, _restarted, _waiting, _on_its_way,
+                                  _not_following, _silent, _beginning)
+"""The most urgent first."""
 
 
 def in_a_line(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
@@ -276,7 +315,9 @@ def _help(process: ProcessStatus) -> str:
     name, problem = process.typed, process.problem
     is_dead, logs = process.word in (DEAD, FAILED), f"trocar logs {process.name}"
     why = _logs(process, problem)
-    if process.kind == SUPERVISOR or problem.endswith(GONE):
+    if process.kind == SUPERVISOR and process.works:
+        return MEMORY_REMOVED.remedy
+    if process.kind == SUPERVISOR or problem == PAGE_GONE:
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
     if process.host:
         return f"trocar restart {name}{why}" if is_dead else logs
@@ -301,22 +342,24 @@ def _cause_first(one: Standing) -> tuple[bool, int]:
 
 def next_step(found: Sequence[Standing]) -> str:
     """A possible next step if all is well; empty: none in particular."""
-    arms = [one for one in found if one.kind in ("arm", "suj")]
-    if arms and all(one.state == "DISABLED" for one in arms):  # with a sub-state it is on its way
-        return "trocar home"
-    paused = next((one.name for one in arms if one.state.startswith("PAUSED")), None)
-    if paused is not None:
-        return f"trocar send {paused} state_command resume"
+    arms = [one for one in found if one.kind in ARMS]
+    paused = [one.name for one in arms if one.state.startswith("PAUSED")]
     powered = [one.name for one in arms if one.state == "ENABLED" and one.homed is False]
+    if {one.state for one in arms} == {"DISABLED"}:  # with a sub-state it is on its way
+        return "trocar home"
+    if paused:
+        return f"trocar send {paused[0]} state_command resume"
     if powered:
         return f"trocar home {' '.join(powered)}"
+    return _next_of_homed(arms, found)
+
+
+def _next_of_homed(arms: Sequence[Standing], found: Sequence[Standing]) -> str:
     if not all(one.homed for one in arms):
         return ""
-    console = next((one for one in found if one.kind == "console" and one.state.startswith(OFF)), None)
-    if console is not None:
-        return _enable(console.name)
-    return next((f"{one.name}: {one.reason}" for one in found
-                 if one.kind == "teleop" and one.reason and not one.state.endswith(FOLLOWING)), "")
+    off = next((one.name for one in found if one.kind == "console" and one.state.startswith(OFF)), "")
+    return _enable(off) if off else next((f"{one.name}: {one.reason}" for one in found if one.kind == "teleop"
+                                          and one.reason and not one.state.endswith(FOLLOWING)), "")
 
 
 def cells(one: Standing) -> tuple[str, ...]:

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.crtk.topics import writer_gone
-from trocar.procs.document.system import ArmConfig, SystemConfig, Tool, from_json
+from trocar.shm.memory.closable import Closable
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.inspect.messages import text_of
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import plain
-from trocar.tools.systems.find import instances_of_kind, is_simulated, unknown
+from trocar.tools.systems.find import instances_of_kind, is_simulated, state_info, unknown
+
+if TYPE_CHECKING:
+    from trocar.procs.document.system import ArmConfig, SystemConfig, Tool
 
 FRESH_S = 0.2  # an older record does not show the present state
 
@@ -50,11 +52,14 @@ def arm_document(system: str, name: str) -> ArmConfig:
 
 def arm_type(system: str, name: str) -> str:
     """The type of an arm; "": not an arm."""
-    return next((arm.type for arm in document_of(system).arms if arm.name == name), "")
+    info = state_info(system, name)
+    return str(info.get("type", "")) if info.get("kind") == "arm" else ""
 
 
 def document_of(system: str) -> SystemConfig:
     """The configuration of the system; Problem if it is unreadable."""
+    from trocar.procs.document.system import from_json  # verbs and scripts that read only records do without
+
     try:
         return from_json(directory.document(system))
     except ValueError as error:  # its content may come from any source
@@ -75,8 +80,8 @@ class Watch(Closable):
         """Attach to the state of an arm, or of setup joints."""
         self.system, self.name = system, name
         kind = "suj" if name in instances_of_kind(system, "suj") else "arm"
-        self.reader: RingReader = directory.reader(system, name, "state", kind)
-        self._events: RingReader = directory.reader(system, name, "events", kind)
+        self.reader: RingReader = directory.reader(system, name, "state", kind, often=False)
+        self._events: RingReader = directory.reader(system, name, "events", kind, often=False)
         self._since = self._events.head
         self._simulated = is_simulated(system)
 
@@ -172,14 +177,10 @@ class Amplifiers(Closable):
         places = [(row.io, row.robot) for row in document.arms if row.name == name]
         places += [(row.io, row.robot) for row in document.carts if row.name == name]
         for io, wanted in places:
-            robots = document.io(io).robots if io else ()
-            first = 0
-            for row, robot in enumerate(robots):
-                end = first + len(robot.actuators)
-                if robot.name == wanted:  # setup joints may have none, and then no amplifiers
-                    self._io, self._row, self._drives = io, row, slice(first, end)
-                    self._reader = directory.reader(system, io, "state", "io")
-                first = end
+            for place in document.io(io).places if io else ():
+                if place.robot.name == wanted:  # setup joints may have none, and then no amplifiers
+                    self._io, self._row, self._drives = io, place.row, place.axes
+                    self._reader = directory.reader(system, io, "state", "io", often=False)
 
     def why_not_off(self) -> str:
         """Why it is not certain that all are off; empty if they are."""

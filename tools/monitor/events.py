@@ -6,7 +6,7 @@ import contextlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.reported import event_rings, message_of
@@ -22,15 +22,7 @@ STREAMS = frozenset(row.name for rows in COMMANDS.values() for row in rows if ro
 ACCEPTED, UNDER_WAY = "accepted", "under way"
 
 
-class Ordered(Protocol):
-    """A row of several processes."""
-
-    @property
-    def order(self) -> int:
-        """Monotonic time."""
-
-
-R = TypeVar("R", bound=Ordered)
+R = TypeVar("R", bound="EventRow | AskedRow")
 
 
 class RingRows(Generic[R]):

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from dataclasses import dataclass
 
-from trocar.shm.memory.segment import SegmentError, path_of, segment_name
+from trocar.shm.memory.segment import SegmentError, segment_name, status_of
 from trocar.shm.time.control_page import silence_s
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools.inspect.processes import STALLED, ProcessStatus, statuses
@@ -85,6 +84,6 @@ def identity_of(system: str) -> tuple[int, ...]:
     """Identity of the files with the system's memory; a restarted system has others. Empty: there are none."""
     for what in ("document", "control"):
         with contextlib.suppress(OSError):
-            status = os.stat(path_of(segment_name(system, SUPERVISOR, what)))  # noqa: PTH116
+            status = status_of(segment_name(system, SUPERVISOR, what))
             return status.st_dev, status.st_ino
     return ()

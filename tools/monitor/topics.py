@@ -55,28 +55,38 @@ class _Watched:
         self._counts: list[tuple[int, int]] = []
 
     def row(self, now_ns: int, system_ns: int, silent_s: float) -> TopicRow:
-        segment, head = self._segment, head_of(self._segment)
+        segment, head, nominal = self._segment, head_of(self._segment), self.entry.rate_hz or None
         new = max(0, head - self._head)
         if new or not self._looked_ns:
             self._changed_ns = now_ns
         self._head, self._looked_ns = head, now_ns
+        if nominal and new:
+            self._lost += missing(self._stamps(new + 1))
         self._counts = [*((at, n) for at, n in self._counts if at > now_ns - WINDOW_NS), (now_ns, head)]
-        if self.entry.rate_hz and new:
-            self._lost += missing(newest_stamps(segment, min(new + 1, segment.header.depth - 1)))
         begun_ns, before = self._counts[0]
-        stamps = newest_stamps(segment, min(max(2, head - before), segment.header.depth - 1))
-        # A stopped clock makes no record younger.
-        ages_s = ((system_ns - int(stamps[-1])) * 1e-9, (now_ns - self._changed_ns) * 1e-9, silent_s) if len(
-            stamps) else ()
-        nominal = self.entry.rate_hz or None
+        stamps = self._stamps(max(2, head - before))
         gaps = np.diff(stamps) * 1e-6 if head > before else np.zeros(0)
-        seconds = (now_ns - begun_ns) * 1e-9
-        by_stamps = 1e3 / float(gaps.mean()) if len(gaps) and gaps.mean() > 0.0 and nominal else None
-        by_count = (head - before) / seconds if seconds > 0.0 and head > before else None
-        problem = writer_gone(segment.gone) or ("nothing was ever written" if nominal and not head else
-                                                "no record is whole" if head and not len(stamps) else "")
-        return TopicRow(self.entry.name, nominal, by_stamps or by_count, float(gaps.max()) if len(gaps) else None,
-                        max(ages_s, default=None), head, self._lost, problem)
+        # A stopped clock makes no record younger.
+        age_s = max((system_ns - int(stamps[-1])) * 1e-9, (now_ns - self._changed_ns) * 1e-9, silent_s) if len(
+            stamps) else None
+        return TopicRow(self.entry.name, nominal, self._hz(gaps, head - before, now_ns - begun_ns),
+                        float(gaps.max()) if len(gaps) else None, age_s, head, self._lost,
+                        writer_gone(segment.gone) or self._lacks(head, has_whole=len(stamps) > 0))
+
+    def _stamps(self, count: int) -> NDArray[np.int64]:
+        """Those of the newest records, as far as they are kept."""
+        return newest_stamps(self._segment, min(count, self._segment.header.depth - 1))
+
+    def _hz(self, gaps: NDArray[np.float64], count: int, passed_ns: int) -> float | None:
+        """Rate of a steady topic by its stamps, else by counting; None: no record came."""
+        if self.entry.rate_hz and gaps.sum() > 0.0:
+            return 1e3 / float(gaps.mean())
+        return count / (passed_ns * 1e-9) if count > 0 and passed_ns > 0 else None
+
+    def _lacks(self, head: int, *, has_whole: bool) -> str:
+        if head:
+            return "" if has_whole else "no record is whole"
+        return "nothing was ever written" if self.entry.rate_hz else ""
 
     def close(self) -> None:
         self._segment.close()

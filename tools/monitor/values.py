@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from trocar.procs.crtk.demand import OnDemand
+from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.field_paths import FieldCells, all_cells
 from trocar.procs.crtk.topics import TopicEntry
 from trocar.procs.crtk.views import OpenTopic
@@ -61,7 +61,7 @@ class ValuesData:
         """Attach; SegmentError when it cannot be read."""
         self.entry = entry
         self._source = OpenTopic(system, entry)
-        self._demand = OnDemand(system, entry.instance)
+        self._demand = Wanted(system)
         self.is_wanted = False
         self._cells: list[FieldCells] = []
         self._count = -1
@@ -70,7 +70,7 @@ class ValuesData:
 
     def want(self) -> None:
         """Subscribe to it, as `echo` does; SegmentError if that is impossible."""
-        self._demand.want(self._source)
+        self._demand.want(self._source.entry)
         self.is_wanted = True
 
     def look(self, opened: Collection[str] = (), silent_s: float = 0.0) -> Values:

@@ -20,11 +20,11 @@ class Misuse(Exception):
 
 
 class Clipped(UserWarning):
-    """A goal of a move or a stream was brought within the limits of the joints before it was carried out."""
+    """A goal of a move or a stream was clipped to the joint limits before execution."""
 
 
 class Short(UserWarning):
-    """A move is over, and a joint is not at its goal."""
+    """A move has ended with a joint short of its goal."""
 
 
 class NotThere(Problem):
@@ -36,7 +36,7 @@ class Disconnected(Problem):
 
 
 class Refused(Problem):
-    """The component took the command and refused it, or failed to carry it out; the message is its reason."""
+    """The component refused the command, or failed to carry it out; the message gives the reason."""
 
 
 def closed(what: str) -> Any:

@@ -18,7 +18,7 @@ from typing import Any, TextIO
 from trocar.procs.crtk.plain import plain as plain
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.output.tables import table_lines, wrapped
-from trocar.tools.output.terminal import is_utf8
+from trocar.tools.output.terminal import is_utf8, redraws
 
 SLOW_NS, NOW_AND_THEN_NS, LINES_NS = 2_000_000_000, 5_000_000_000, 10_000_000_000
 Say = Callable[[str, float | None], None]
@@ -103,7 +103,7 @@ class LiveLine:
     """A line on a terminal's error stream that is overwritten repeatedly; elsewhere an occasional line."""
 
     def __init__(self) -> None:
-        self._is_terminal, self._next_ns = sys.stderr.isatty(), 0
+        self._is_terminal, self._next_ns = redraws(sys.stderr), 0
 
     def show(self, parts: Sequence[str]) -> None:
         """The parts that fit, each whole, the first ones with priority."""
@@ -139,7 +139,7 @@ def progress(what: str) -> Iterator[Say]:
 
     Without a terminal it writes a line every ten seconds.
     """
-    if not sys.stderr.isatty():
+    if not redraws(sys.stderr):
         next_ns = monotonic_ns() + LINES_NS
 
         def line(text: str, fraction: float | None) -> None:

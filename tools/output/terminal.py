@@ -1,12 +1,16 @@
-"""Output on terminals and in logs that are not UTF-8: each character that they lack becomes a similar one of ASCII."""
+"""Output where a terminal or a stream can do less than usual: no UTF-8, no moves of the cursor, or not open at all.
+
+Each character that a stream lacks becomes a similar one of ASCII.
+"""
 
 from __future__ import annotations
 
 import codecs
 import io
+import os
 import sys
 import unicodedata
-from typing import Final
+from typing import Final, TextIO
 
 HANDLER: Final = "trocar.similar"
 _SIMILAR: Final = {  # one character each, so that tables stay aligned
@@ -20,6 +24,23 @@ _SIMILAR: Final = {  # one character each, so that tables stay aligned
 def is_utf8() -> bool:
     """Whether our output takes every character."""
     return (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "").startswith("utf")
+
+
+def redraws(stream: TextIO) -> bool:
+    """Whether a stream is a terminal on which a line can be drawn again; one of the type `dumb` only appends."""
+    return stream.isatty() and os.environ.get("TERM") != "dumb"
+
+
+def open_streams() -> None:
+    """Open /dev/null as each standard stream that we were started without: else the next file has its number, and gets
+    what is printed.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name, number in (("stdin", 0), ("stdout", 1), ("stderr", 2)):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", encoding="utf-8"))
 
 
 def adapt_streams() -> None:

@@ -17,9 +17,10 @@ trocar.tools.pages.commands`; do not edit. `trocar send PSM1` lists those of a r
 
 Numbers are in SI units; `{n}` stands for one number per joint, `…` for any number of numbers.
 
-What stops something is a setting whatever its row says: it is never refused, there is always room for it in a mailbox,
-and every browser may give it without control. A stop ends the streams and moves that other programs began at that
-component. The commands of a stream are followed as they come; a stream ends when its sender is silent.
+A command that stops something counts as a `setting`, whatever effect its row gives: it is never refused, a mailbox
+always has room for it, and every browser may send it without having control. A stop ends the streams and moves that
+other programs began at that component. The commands of a stream are carried out as they arrive; a stream ends when
+its sender stops sending.
 
 | effect | the worst that it can do | needs an operator's command since the last fault | refused when late, or sent \
 before a stop | needs `may_power` on a bridge |
@@ -32,7 +33,7 @@ WORST = {
     Effect.RELAX: "it removes a protection",
     Effect.RELEASE: "it releases a brake",
     Effect.MOTION: "something moves",
-    Effect.POWER: "something is powered, homed, or gets or loses its controller",
+    Effect.POWER: "something is powered or homed, or the program or joint controller that controls it starts or stops",
 }
 
 
@@ -46,7 +47,7 @@ def _effect(effect: Effect) -> str:
     row = CommandRow("", effect, "")
     rules = row.needs_operator("", ()), row.expires("", ()), may_power(row, "", ())
     cells = (effect.name.lower(), WORST[effect], *("yes" if rule else "no" for rule in rules))
-    more = " (yes where it causes one that does)" if effect is Effect.MOTION else ""
+    more = " (yes if it causes a command that needs it)" if effect is Effect.MOTION else ""
     return f"| {' | '.join(cells)}{more} |\n"
 
 

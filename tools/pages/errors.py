@@ -24,9 +24,9 @@ OF_IO = """
 ## What I/O does
 
 Faults of I/O have a number, which is in `fault` of I/O's record while the fault is latched. Their events have the
-robot, the axis (from 0, brakes after the actuators), the measured value and the limit. All faults of one cycle
-are reported, each once until the latch is cleared; the first that switches something off is latched. Powering on
-clears the latch; until then the joint controller cannot be switched on.
+robot, the axis (counted from 0; brakes are numbered after the actuators), the measured value and the limit. All
+faults of one cycle are reported, each once until the latch is cleared; the first that switches something off is
+latched. Powering on clears the latch; until then the joint controller cannot be switched on.
 
 | number | code | I/O does |
 |---|---|---|
@@ -42,7 +42,7 @@ ACTIONS: Final = {
 def page() -> str:
     """The whole page: all codes by kind of process, then io's reactions to its faults."""
     kinds = dict.fromkeys(row.owner.partition(",")[0] for row in CODES)
-    parts = [f"\n## Of {kind}\n\n| code | severity | reported by | cause | remedy |\n|---|---|---|---|---|\n"
+    parts = [f"\n## Reported by {kind}\n\n| code | severity | reported by | cause | remedy |\n|---|---|---|---|---|\n"
              + "".join(_row(row) for row in CODES if row.owner.partition(",")[0] == kind) for kind in kinds]
     return HEAD + "".join(parts) + OF_IO + "".join(
         f"| {row.number} | `{row.code}` | {ACTIONS[row.action]} |\n" for row in FAULTS)

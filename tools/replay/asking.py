@@ -17,8 +17,8 @@ from trocar.shm.time.system_time import SystemTime
 from trocar.tools.client.following import APPROACH_S, first_reply, waited
 from trocar.tools.output.errors import Problem, Refused
 from trocar.tools.output.printing import Say
-from trocar.tools.replay.commands import RecordedCommand, commands_of
 from trocar.tools.replay.live import RecordedMotion, all_homed, at_the_start
+from trocar.tools.replay.recorded_commands import RecordedCommand, commands_of
 
 ROWS: Final = {row.name: row for row in COMMANDS["arm"]}
 REPLY_S: Final = 5.0

@@ -8,12 +8,13 @@ machine, and is the same bit for bit.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count, groupby
 from pathlib import Path
 from typing import Final
 
+from trocar.procs.node.pacing import AFTER_OTHERS_NS
 from trocar.procs.recordings.reading import RecordedTopic, RecordingReader
 from trocar.shm.mailbox.origins import Origin
 from trocar.shm.mailbox.place import Place, take_place
@@ -24,8 +25,8 @@ from trocar.shm.time.lockstep import EPOCH_NS
 from trocar.tools.analysis.choosing import TIMED, spans
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import Say, note
-from trocar.tools.replay.commands import AUDIT, RecordedCommand, commands_of
 from trocar.tools.replay.configuration import recorded_system, startable
+from trocar.tools.replay.recorded_commands import AUDIT, RecordedCommand, commands_of
 from trocar.tools.replay.rings import WholeRings, new_file
 from trocar.tools.systems.cleanup import own_folder
 from trocar.tools.systems.supervising import Background, StartRequest
@@ -83,32 +84,40 @@ def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> 
 def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[RecordedCommand], list[str]]:
     """The commands to send, and the expected differences from the recording; Problem if commands are missing."""
     rows = [recording.topics[name] for name in recording.record_topics]
-    states = {row.instance for row in rows if row.ring == "state" and row.kind in TIMED}
-    audits = {row.instance: recording.records(row.name).rows for row in rows if row.ring == AUDIT}
-    if missing := sorted(states - set(audits)):
-        raise Problem(f"commands to {', '.join(missing)} are not in it; record all topics")
-    for instance, asked in audits.items():
-        if instance not in out and len(asked) and int(asked["sequence"][0]) > 1:
-            raise Problem(f"it begins after {int(asked['sequence'][0]) - 1} commands to {instance}: a run can be "
-                          "repeated from its beginning only")
-        if len(asked) and int(asked["sequence"][-1]) - int(asked["sequence"][0]) + 1 != len(asked):
-            raise Problem(f"commands to {instance} are missing in it")
+    _check_complete(recording, rows, out)
     commands = [each for each in commands_of(recording) if each.instance not in out]
-    usual = [each for each in commands if each.kind in TIMED]
-    notes = [f"{name} is left out: time does not wait for it; its commands are repeated" for name in out]
+    return ([each for each in commands if each.kind in TIMED],
+            [*(f"{name} is left out: time does not wait for it; its commands are repeated" for name in out),
+             *_differences(recording, rows, commands)])
+
+
+def _differences(recording: RecordingReader, rows: Sequence[RecordedTopic],
+                 commands: Sequence[RecordedCommand]) -> Iterator[str]:
+    """Why the new run will differ from the recording, in words."""
     if others := sorted({f"{each.instance} {each.name}" for each in commands if each.kind not in TIMED}):
-        notes.append(f"not repeated, since time does not wait for them: {', '.join(others)}")
-    if again := sorted({row.instance for row in rows if row.kind in TIMED and _writers(row) > 1}):
-        notes.append(f"{', '.join(again)} was started again in it, which is not repeated")
-    if recording.metadata.get("trocar", {}).get("clock") == "paced" and any(each.streams for each in usual):
-        notes.append("the new run will differ: of streams (servo_…) a recording of a paced system has the first goal "
-                     "only; with --clock lockstep it has all")
-    return usual, notes
+        yield f"not repeated, since time does not wait for them: {', '.join(others)}"
+    # epochs count successive writers; 0 is that of a ring not written yet
+    if again := sorted({row.instance for row in rows if row.kind in TIMED
+                         and len({*row.channels.values()} - {0}) > 1}):
+        yield f"{', '.join(again)} was started again in it, which is not repeated"
+    is_paced = recording.metadata.get("trocar", {}).get("clock") == "paced"
+    if is_paced and any(each.kind in TIMED and each.streams for each in commands):
+        yield ("the new run will differ: of streams (servo_…) a recording of a paced system has the first goal only; "
+               "with --clock lockstep it has all")
 
 
-def _writers(topic: RecordedTopic) -> int:
-    """Number of its successive writers; epoch 0 is that of a ring not written yet."""
-    return len({*topic.channels.values()} - {0})
+def _check_complete(recording: RecordingReader, rows: Sequence[RecordedTopic], out: Sequence[str]) -> None:
+    """Problem if the recording lacks a command to a process that simulated time waits for."""
+    states = {row.instance for row in rows if row.ring == "state" and row.kind in TIMED}
+    numbers = {row.instance: recording.records(row.name).rows["sequence"].tolist() for row in rows if row.ring == AUDIT}
+    if missing := sorted(states - set(numbers)):
+        raise Problem(f"commands to {', '.join(missing)} are not in it; record all topics")
+    for instance, asked in ((instance, asked) for instance, asked in numbers.items() if asked):
+        if instance not in out and asked[0] > 1:
+            raise Problem(f"it begins after {asked[0] - 1} commands to {instance}: a run can be repeated from its "
+                          "beginning only")
+        if asked[-1] - asked[0] + 1 != len(asked):
+            raise Problem(f"commands to {instance} are missing in it")
 
 
 def _end_ns(recording: RecordingReader) -> int:
@@ -129,21 +138,15 @@ class _Sender:
         for key in sorted({(each.instance, each.place) for each in commands}):
             self._places[key] = take_place(system, key[0], "trocar replay")
 
-    def wakes(self, command: RecordedCommand) -> bool:
-        """Whether a command wakes its owner."""
-        return self._places[command.instance, command.place].wakes
-
-    def is_due(self, command: RecordedCommand) -> bool:
-        """Whether the owner looks by itself at that instant."""
-        return self._held.wake_ns(command.instance) == command.instant_ns
-
-    def send(self, command: RecordedCommand, wake: bool = True) -> None:
+    def send(self, command: RecordedCommand) -> None:
+        """Just before its instant; wakes the owner if it does not look by itself then."""
         if command.origin not in self._numbers:
             self._numbers[command.origin] = os.getpid() << 32 | next(self._count) if command.origin else 0
         number = self._numbers[command.origin]
         origin = Origin(number, command.generation, command.program)
         self._places[command.instance, command.place].send(command.name, command.values, command.text, origin,
-                                                           command.peer, wake)
+                                                           command.peer,
+                                                           self._held.wake_ns(command.instance) != command.instant_ns)
 
     def close(self) -> None:
         for place in self._places.values():
@@ -168,18 +171,8 @@ def _play(held: HeldTime, system: str, rings: WholeRings, commands: Sequence[Rec
 
     try:
         for instant, group in groupby(commands, key=lambda each: each.instant_ns):
-            later = []
-            go_to(instant - 1)
+            go_to(instant - AFTER_OTHERS_NS)
             for command in group:
-                if not sender.wakes(command):
-                    sender.send(command)
-                elif sender.is_due(command):
-                    sender.send(command, wake=False)
-                else:
-                    later.append(command)
-            if later:
-                go_to(instant)
-            for command in later:
                 sender.send(command)
         go_to(end_ns)
         rings.take()

@@ -13,11 +13,11 @@ from trocar.procs.recordings.chunks import ZSTD, Chunk, packed
 from trocar.procs.recordings.facts import document_of, facts_of, local_offset_ns
 from trocar.procs.recordings.layout import ENCAPSULATION, RecordLayout
 from trocar.procs.recordings.writing import ChannelTable, RecordingFile
+from trocar.shm.memory.closable import Closable
 from trocar.shm.memory.layout import Schema
 from trocar.shm.memory.segment import Segment, segment_name
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
-from trocar.tools.output.closable import Closable
 
 
 class WholeRings(Closable):

@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 from trocar.procs.document.system import WALL, from_json, to_json
 from trocar.procs.recordings import names
 from trocar.procs.recordings.reading import RecordedTopic, RecordingReader
+from trocar.shm.memory.closable import Closable
 from trocar.shm.memory.layout import MAX_DEPTH, Schema, schema_from_json
-from trocar.shm.memory.segment import Segment, create, names_of, segment_name, unlink
+from trocar.shm.memory.parts import remove_all
+from trocar.shm.memory.segment import Segment, create, names_of, segment_name
 from trocar.shm.ring.ring import RingWriter
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
@@ -29,7 +31,6 @@ from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.topics import TOPICS, Topic
 from trocar.tools.analysis.choosing import Stretch, run_begin_ns
 from trocar.tools.inspect.replayed import REPLAY, info_of_replay
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import Say
 from trocar.tools.systems.cleanup import Keeper
@@ -69,7 +70,7 @@ class Showing(Closable):
         self._held = contextlib.ExitStack()
         try:
             self._held.enter_context(Keeper(system))
-            self._held.callback(self._remove)
+            self._held.callback(remove_all, self.system)
             self._make(recording, topics, part)
         except BaseException:
             self._held.close()
@@ -102,10 +103,6 @@ class Showing(Closable):
             self.topics.append(ReplayedTopic(row.name, records, writer, row.rate_hz))
         if not any(len(topic.rows) for topic in self.topics):
             raise Problem("there is nothing to show: no records of these topics in this time")
-
-    def _remove(self) -> None:
-        for parts in names_of(self.system):
-            unlink(segment_name(*parts))
 
     @property
     def begin_ns(self) -> int:

@@ -10,16 +10,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from trocar.procs.crtk.demand import OnDemand
+from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.field_paths import BadPath, FieldCells, FieldPath, cells_of
 from trocar.procs.crtk.reported import event_rings
 from trocar.procs.crtk.topics import TopicEntry, find
 from trocar.procs.crtk.views import OpenTopic
+from trocar.shm.memory.closable import Closable
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.system_time import SystemTime
-from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.scope.grammar import Comparison, Condition, EventSeen, FaultSeen, Leaf, leaves
 from trocar.tools.scope.trigger import Test, Trigger, event_test, field_test
@@ -83,7 +83,7 @@ class Capturing(Closable):
             kept.append(found)
         tests = [(leaf, self._tests(leaf)) for leaf in leaves(condition)] if condition is not None else []
         for topic in {*cells, *(topic for _, made in tests for topic in made)}:
-            reader = directory.reader(self.system, *topic.split("/", 1))
+            reader = directory.reader(self.system, *topic.split("/", 1), often=False)
             self._windows[topic] = RingWindow(topic, reader, cells.get(topic, ()))
             self._stack.callback(self._windows[topic].close)
         watched = {topic for leaf, made in tests if isinstance(leaf, Comparison) for topic in made}
@@ -99,11 +99,11 @@ class Capturing(Closable):
             except BadPath as error:
                 raise Misuse(str(error)) from None
         if self.is_up:  # in a crashed system nothing is computed any more
-            demand = self._stack.enter_context(OnDemand(self.system, entry.instance))
+            demand = self._stack.enter_context(Wanted(self.system, every=True))
             fields = (found.field,) if found.field in entry.fields else ()
             with contextlib.suppress(SegmentError), OpenTopic(self.system, dataclasses.replace(entry, fields=fields)
                                                               ) as source:
-                demand.want(source)
+                demand.want(source.entry)
         return entry, found
 
     def _tests(self, leaf: Leaf) -> dict[str, Test]:

@@ -13,7 +13,7 @@ FIELD is a path (procs/crtk/field_paths.py), OPERATOR one of > >= < <= == !=, VA
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -64,30 +64,15 @@ class FaultSeen:
 
 
 @dataclass(frozen=True, slots=True)
-class Not:
-    """The opposite."""
+class Joined:
+    """Two conditions joined by `and` or `or`, or one with `not`."""
 
-    one: Condition
-
-
-@dataclass(frozen=True, slots=True)
-class Both:
-    """Both."""
-
-    left: Condition
-    right: Condition
-
-
-@dataclass(frozen=True, slots=True)
-class Either:
-    """One of them, or both."""
-
-    left: Condition
-    right: Condition
+    word: str
+    parts: tuple[Condition, ...]
 
 
 Leaf = Comparison | EventSeen | FaultSeen
-Condition = Leaf | Not | Both | Either
+Condition = Leaf | Joined
 
 
 def parse_condition(text: str) -> Condition:
@@ -99,11 +84,9 @@ def parse_condition(text: str) -> Condition:
 
 def leaves(condition: Condition) -> Iterator[Leaf]:
     """The leaves of a condition, from left to right."""
-    if isinstance(condition, Not):
-        yield from leaves(condition.one)
-    elif isinstance(condition, Both | Either):
-        yield from leaves(condition.left)
-        yield from leaves(condition.right)
+    if isinstance(condition, Joined):
+        for part in condition.parts:
+            yield from leaves(part)
     else:
         yield condition
 
@@ -153,15 +136,12 @@ class _Parser:
         return found
 
     def _any(self) -> Condition:
-        found = self._all()
-        while self._take("or"):
-            found = Either(found, self._all())
-        return found
+        return self._joined("or", lambda: self._joined("and", self._one))
 
-    def _all(self) -> Condition:
-        found = self._one()
-        while self._take("and"):
-            found = Both(found, self._one())
+    def _joined(self, word: str, part: Callable[[], Condition]) -> Condition:
+        found = part()
+        while self._take(word):
+            found = Joined(word, (found, part()))
         return found
 
     def _one(self) -> Condition:
@@ -171,7 +151,7 @@ class _Parser:
             raise self._bad(token.at, f"more than {MAX_DEPTH} deep")
         try:
             if self._take("not"):
-                return Not(self._one())
+                return Joined("not", (self._one(),))
             if self._take("("):
                 found = self._any()
                 self._close()

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.crtk.plain import plain
+from trocar.procs.machine.extras import missing
 from trocar.tools.inspect.enumerations import in_words, words_of
 from trocar.tools.output.columns import columns_file
 from trocar.tools.output.errors import Problem
@@ -19,7 +20,6 @@ from trocar.tools.scope.capture import Capture, stamps_in_all
 from trocar.tools.scope.drawing import axis_line, changes, plot_lines
 
 MAX_CHANGES: Final = 12  # of a text or an enumeration that are printed
-NO_MATPLOTLIB: Final = "a PNG needs matplotlib, which is not installed: pip install 'trocar[plot]'; or take --csv"
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +121,10 @@ def remarks(capture: Capture) -> Iterator[str]:
 
 def write_png(capture: Capture, file: str, title: str) -> None:
     """A figure with one plot for each unit; Problem without matplotlib, or if it cannot be written."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise Problem(NO_MATPLOTLIB) from None
+    if lacks := missing("matplotlib"):
+        raise Problem(f"{lacks}; or take --csv")
+    from matplotlib.figure import Figure
+
     numbers = [each for each in series_of(capture) if not each.is_text]
     if not numbers:
         raise Problem("none of these fields is a number: nothing to plot; --csv and --json have texts")

@@ -19,7 +19,7 @@ from trocar.procs.tables.codes import ERROR, FAULTS
 from trocar.shm.system.events import SEVERITIES
 from trocar.tools.inspect.enumerations import words_of
 from trocar.tools.output.errors import Misuse
-from trocar.tools.scope.grammar import Both, Comparison, Condition, Either, EventSeen, FaultSeen, Leaf, Not
+from trocar.tools.scope.grammar import Comparison, Condition, EventSeen, FaultSeen, Joined, Leaf
 
 Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]
@@ -182,11 +182,10 @@ def _on(grid: Stamps, leaf: _LeafState, stamps: Stamps, flags: Flags) -> Flags:
 
 def _evaluated(condition: Condition, columns: Sequence[Flags]) -> tuple[Flags, Sequence[Flags]]:
     """A tree over its leaves' columns, which it takes from the left; and those that are left."""
-    if isinstance(condition, Not):
-        one, columns = _evaluated(condition.one, columns)
-        return ~one, columns
-    if isinstance(condition, Both | Either):
-        left, columns = _evaluated(condition.left, columns)
-        right, columns = _evaluated(condition.right, columns)
-        return (left & right if isinstance(condition, Both) else left | right), columns
-    return columns[0], columns[1:]
+    if not isinstance(condition, Joined):
+        return columns[0], columns[1:]
+    found, columns = _evaluated(condition.parts[0], columns)
+    for part in condition.parts[1:]:
+        other, columns = _evaluated(part, columns)
+        found = found & other if condition.word == "and" else found | other
+    return (~found if condition.word == "not" else found), columns

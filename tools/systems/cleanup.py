@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Final
 
 from trocar.procs.machine.paths import ROOT
-from trocar.shm.memory.segment import FOLDER, names_of, segment_name, unlink
-from trocar.tools.output.closable import Closable
+from trocar.shm.memory.closable import Closable
+from trocar.shm.memory.parts import remove_all
+from trocar.shm.memory.segment import FOLDER
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.ending import stop_system
 from trocar.tools.systems.find import environment
@@ -69,8 +70,7 @@ def own_folder(system: str) -> Iterator[Path]:
 
 def _remove(system: str, folder: Path) -> None:
     """Segments of the system, the folder, and other shared memory under the name of the folder."""
-    for parts in names_of(system):
-        unlink(segment_name(*parts))
+    remove_all(system)
     for path in FOLDER.glob(f"{folder.name}_*"):
         path.unlink(missing_ok=True)
     shutil.rmtree(folder, ignore_errors=True)

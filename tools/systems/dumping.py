@@ -13,6 +13,7 @@ from typing import Final
 from trocar.procs.crtk.plain import plain
 from trocar.procs.machine.paths import log_folder, made_log_folder
 from trocar.procs.recordings import names
+from trocar.shm.memory.parts import removed_words
 from trocar.shm.memory.segment import names_of
 from trocar.shm.time.clock import local_ns
 from trocar.tools.analysis.places import folder_of
@@ -50,6 +51,8 @@ def dump(system: str, file: Path, reason: str, say: Say, mode: int = 0o666) -> D
     from trocar.procs.recordings.facts import document_of, facts_of
 
     status, problems = _status(system)
+    if removed := removed_words(system):
+        problems.append(removed)
     attachments = [*document_of(system), *status]
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -87,7 +90,7 @@ def dump_by_time(system: str, word: str, reason: str, say: Say) -> Dumped:
     for number in range(1, TRIES):
         with contextlib.suppress(FileIsThere):
             return dump(system, folder / f"{word}-{time}{f'-{number}' if number > 1 else ''}.mcap", reason, say)
-    raise Problem(f"{folder}: has {TRIES} files {word}-{time}")
+    raise Problem(f"{folder}: cannot choose a file name: {TRIES} files {word}-{time} exist")
 
 
 def keep_left_over(system: str, say: Say) -> Path | None:
@@ -101,7 +104,7 @@ def keep_left_over(system: str, say: Say) -> Path | None:
         kept = dump_by_time(system, names.DIED, "its supervisor died", say)
         remove_older(kept.file)
     except Exception as error:
-        note(f"the shared memory that {system} left was not saved: {error or type(error).__name__}")
+        note(f"the shared memory left by {system} was not saved: {error or type(error).__name__}")
         return None
     for problem in kept.problems:
         note(problem)

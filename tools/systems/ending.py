@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from trocar.shm.mailbox.client import MailboxFull
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.memory.segment import SegmentError, held, names_of, path_of, segment_name
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.remote import Remote
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import Say
-from trocar.tools.systems.find import clear, instances_of_kind, supervisor_of
+from trocar.tools.systems.find import instances_of_kind, supervisor_of
 from trocar.tools.systems.processes import CONTINUE, KILL, SUPERVISOR, TERMINATE, RunningProcess, running
 
 POLL_S = 0.05
@@ -71,7 +72,7 @@ class _Ending:
             self._kill_at_ns = self._kill_at_ns or now_ns + ORPHAN_NS
             self._send(processes, TERMINATE if now_ns < self._kill_at_ns else KILL)
             return self._left(processes)
-        self.cleared += clear(self.system)
+        self.cleared += remove_all(self.system)
         return self._left([])
 
     def _send(self, processes: list[RunningProcess], number: int) -> None:

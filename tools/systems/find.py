@@ -6,11 +6,15 @@ import contextlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from trocar.procs.crtk.names import none_such
-from trocar.procs.machine.paths import ROOT, given_file, not_found
-from trocar.shm.memory import private
+from trocar.procs.machine.paths import ROOT, given_file, log_folder, not_found
+from trocar.procs.tables.codes import MEMORY_REMOVED
+from trocar.shm.memory import owners, private
 from trocar.shm.memory.owners import SERVICE_USER
+from trocar.shm.memory.parts import held_names, parts_of, removed_words
+from trocar.shm.memory.process_start import lives
 from trocar.shm.memory.segment import (
     Identity,
     Segment,
@@ -20,16 +24,17 @@ from trocar.shm.memory.segment import (
     owner_of,
     path_of,
     segment_name,
-    start_time,
-    unlink,
 )
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import note
 from trocar.tools.systems.processes import SUPERVISOR, RunningProcess, running
 
 STALLED_NS = 1_000_000_000  # the supervisor beats every 20 ms
 LOOK_AGAIN_S = 0.1
+LAST = 3  # systems that are named where none is up
+OF_FOREIGN = f"{SERVICE_USER} names another user whose memory is accepted"
 
 
 def environment() -> dict[str, str]:
@@ -48,13 +53,7 @@ def system_file(file: Path, path: Sequence[Path] = ()) -> Path:
 
 def alive(identity: Identity) -> bool:
     """Whether the process that last claimed a segment is still alive. Reads /proc only: takes no lock."""
-    if not identity.pid or start_time(identity.pid) != identity.start:
-        return False
-    try:
-        text = Path(f"/proc/{identity.pid}/stat").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return False
-    return text.rsplit(")", 1)[1].split()[0] not in ("Z", "X")
+    return lives(identity.pid, identity.start)
 
 
 def supervisor_of(system: str) -> Identity | None:
@@ -89,6 +88,13 @@ def orphaned(system: str) -> str:
     return f"the supervisor is stalled: {again}" if _stalls(system) else ""
 
 
+def is_reduced(system: str) -> bool:
+    """Whether another program has removed shared memory of the system; reports which, and the remedy."""
+    if removed := removed_words(system):
+        note(f"{removed}; {MEMORY_REMOVED.remedy}")
+    return bool(removed)
+
+
 def _stalls(system: str) -> bool:
     """Whether the heartbeat of the supervisor is old, also at a second look: after a suspend all are old."""
     with contextlib.suppress(SegmentError), contextlib.closing(ControlPage(system, SUPERVISOR)) as page:
@@ -112,39 +118,26 @@ def all_up() -> list[str]:
     return those_up(_permitted())
 
 
-def forbidden(system: str) -> str:
-    """Why we may not read another user's system, in words; empty: we may, or it does not exist."""
-    return _forbidden(system, [segment_name(*parts) for parts in names_of(system)])
+def forbidden(system: str, ours: Sequence[str] | None = None) -> str:
+    """Why we may not read another user's system, in words; empty: we may, or it does not exist.
 
-
-def _forbidden(system: str, ours: Sequence[str]) -> str:
-    """The same, when its segments of accepted owners are known."""
-    owner, hint = _denied(system, ours)
+    `ours`: its segments of accepted owners, if they are known.
+    """
+    ours = _named(system).get(system, []) if ours is None else ours
+    owner = "" if any(os.access(path_of(name), os.R_OK) for name in ours) else other_owner(system, ours)
+    hint = "its `group` decides who else may attach" if ours else OF_FOREIGN
     return f"not permitted: system {system} belongs to {owner}; {hint}" if owner else ""
 
 
-def _denied(system: str, ours: Sequence[str]) -> tuple[str, str]:
-    """Owner of a system that we may not read, and the rule that decides; both empty: we may."""
-    if any(os.access(path_of(name), os.R_OK) for name in ours):
-        return "", ""
-    return _owner(system, ours), ("its `group` decides who else may attach" if ours else
-                                  f"{SERVICE_USER} names a user to trust")
-
-
-def other_owner(system: str) -> str:
-    """The owner of a system ("user bob"); empty: us, or it does not exist."""
-    return _owner(system, [segment_name(*parts) for parts in names_of(system)])
-
-
-def _owner(system: str, ours: Sequence[str]) -> str:
-    """The same, when its segments of accepted owners are known."""
-    theirs = ours or [segment_name(*parts) for parts in names_of(system, foreign=True)]
+def other_owner(system: str, ours: Sequence[str] = ()) -> str:
+    """The owner of a system ("user bob"); empty: us, or it does not exist. `ours` as in `forbidden`."""
+    theirs = ours or _named(system).get(system) or _named(system, foreign=True).get(system, [])
     return next(filter(None, map(owner_of, theirs)), "")
 
 
 def is_simulated(system: str) -> bool:
     """Whether the system runs on simulated time."""
-    return (system, SUPERVISOR, "clock") in names_of(system)
+    return (system, SUPERVISOR, "clock") in parts_of(system)
 
 
 def chosen_system(name: str | None = None) -> str:
@@ -168,6 +161,22 @@ def chosen_system(name: str | None = None) -> str:
     raise Problem(f"no system is up{left}; trocar up starts one{_of_others()}")
 
 
+def chosen_or_earlier(verb: str) -> str:
+    """The only system up; Problem where none is: how `verb` reads the files of those that were up last."""
+    kept = sorted(log_folder(os.environ, "any").parent.glob("*/supervisor.log"), key=_changed, reverse=True)
+    if all_up() or not kept:
+        return chosen_system()
+    raise Problem(f"no system is up; trocar {verb} --system NAME shows an earlier one: "
+                  f"{', '.join(path.parent.name for path in kept[:LAST])}")
+
+
+def _changed(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
 def _named(system: str | None = None, *, foreign: bool = False) -> dict[str, list[str]]:
     """The segments of each system, from one look at all names."""
     found: dict[str, list[str]] = {}
@@ -184,54 +193,58 @@ def _documented(named: Mapping[str, Sequence[str]]) -> list[str]:
 def _permitted() -> list[str]:
     """Systems that we may look at, up or left over, except those in our own memory: they are chosen by name only."""
     named = _named()
-    return [system for system in _documented(named)
-            if not private.is_kept(system) and not _forbidden(system, named[system])]
+    found = [system for system in _documented(named)
+             if not private.is_kept(system) and not forbidden(system, named[system])]
+    unlisted = [system for system in held_names() if system not in found]
+    listed = _as_listed(running()) if unlisted else {}
+    return sorted(found + [system for system in unlisted if system in listed and (
+        not forbidden(system, named[system]) if system in named else _runs_for_us(listed[system].pid))])
+
+
+def _runs_for_us(pid: int) -> bool:
+    """Whether a process belongs to our user or the service user; memory that is gone does not tell who may attach."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}").stat().st_uid in owners.accepted() - {0} | {os.getuid()}
+    return False
 
 
 def _of_others() -> str:
-    """Message about systems of other users."""
-    ours, theirs = _named(), _named(foreign=True)
-    found = sorted({*_documented(ours), *_documented(theirs)})
-    theirs_by_hint: dict[str, list[str]] = {}
-    for system in found:
-        owner, hint = _denied(system, ours.get(system, []))
-        if owner:
-            theirs_by_hint.setdefault(hint, []).append(f"system {system} belongs to {owner}")
-    reported = [f"not permitted: {', '.join(names)}; {hint}" for hint, names in theirs_by_hint.items()]
+    """Message about systems of other users: those of accepted users by name, only the number of all others."""
+    ours, theirs = _named(), _documented(_named(foreign=True))
+    reported = [why for system in _documented(ours) if (why := forbidden(system, ours[system]))]
+    if theirs:
+        there = "1 system of another user is" if len(theirs) == 1 else f"{len(theirs)} systems of other users are"
+        reported.append(f"{there} there; {OF_FOREIGN}")
     return f" ({'. '.join(reported)})" if reported else ""
 
 
 def _there_are(names: list[str]) -> str:
-    return f"up are {', '.join(names)}" if names else "none is; trocar up starts one"
+    return f"up are {', '.join(names)}" if names else "none is running; trocar up starts one"
 
 
 def left_over(name: str | None = None) -> list[str]:
     """Systems with segments in shared memory, or processes, without a supervisor (makes system calls)."""
     named = _named(name)
     found = {*named, *(process.system for process in running(name))}
-    ours = [system for system in found if not _forbidden(system, named.get(system, []))]
+    ours = [system for system in found if not forbidden(system, named.get(system, []))]
     up = those_up(ours)
     return sorted(system for system in ours
                   if system not in up and not held(segment_name(system, SUPERVISOR, "control")))
 
 
-def clear(system: str) -> int:
-    """Remove every segment of a crashed system; returns their number."""
-    names = names_of(system)
-    for part in names:
-        unlink(segment_name(*part))
-    return len(names)
-
-
 def instances_of_kind(system: str, kind: str) -> list[str]:
     """Instances of a kind, from the data in their state rings."""
-    found = []
-    for owner, instance, what in names_of(system):
-        if what == "state":
-            with contextlib.suppress(SegmentError), Segment(segment_name(owner, instance, what)) as segment:
-                if segment.header.info.get("kind") == kind:
-                    found.append(instance)
-    return found
+    return [name for _, name, what in parts_of(system)
+            if what == "state" and state_info(system, name).get("kind") == kind]
+
+
+def state_info(system: str, name: str) -> dict[str, Any]:
+    """The header data of an instance's state ring; any content is possible. Empty: there is none."""
+    try:
+        with Segment(segment_name(system, name, "state")) as segment:
+            return dict(segment.header.info)
+    except (SegmentError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
 
 
 def unknown(what: str, name: str, known: Iterable[str], owner: str = "") -> Problem:

@@ -14,7 +14,7 @@ import os
 import re
 import subprocess
 import tarfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
@@ -23,7 +23,8 @@ from trocar.procs.crtk.plain import plain
 from trocar.procs.machine.paths import ROOT, log_folder, token_file
 from trocar.procs.machine.version import VERSION
 from trocar.procs.recordings.reading import RecordingError, open_recording
-from trocar.shm.memory.segment import SegmentError, names_of
+from trocar.shm.memory.parts import parts_of
+from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.time.clock import local_ns
 from trocar.tools.analysis.places import folder_of
@@ -98,8 +99,10 @@ def system_meant(name: str | None) -> str:
     return name if name and log_folder(os.environ, name).is_dir() and not forbidden(name) else chosen_system(name)
 
 
-def report(system: str, file: Path, most: int, say: Say) -> Reported:
-    """Pack it; `most`: bytes of recordings, the newest first. OSError if the archive cannot be written."""
+def report(system: str, file: Path, most: int, say: Say, also: Sequence[Path] = ()) -> Reported:
+    """Pack it; `most`: bytes of recordings, the newest first; `also`: further texts. OSError if the archive cannot be
+    written.
+    """
     made = Report(system, file)
     try:
         document = _document(system)
@@ -111,8 +114,10 @@ def report(system: str, file: Path, most: int, say: Say) -> Reported:
             made.text("configuration.json", document)
         else:
             made.problems.append("no configuration: nothing of the system is in memory, and no recording has it")
-        if names_of(system):
+        if parts_of(system):
             made.json("status.json", [dataclasses.asdict(row) for row in statuses(system)])
+        for path in also:
+            made.text(f"files/{path.name}", path.read_bytes())
         _add_logs(made, say)
         _add_recordings(made, file, most, say)
         made.text("CONTENTS.txt", _contents(made).encode())
@@ -127,12 +132,13 @@ def report(system: str, file: Path, most: int, say: Say) -> Reported:
 
 def _contents(made: Report) -> str:
     rows = [f"{size:>12} {name}" for name, size in made.files.items()]
-    return "\n".join([f"What trocar report packed of system {made.system}. Tokens are left out; check the logs of",
-                      "your own programs before you pass this on.", "", *rows, "", *made.problems, ""])
+    return "\n".join([f"Contents of the report on system {made.system}. Tokens are left out; check the logs of",
+                      "your own programs before you share this file.", "", *rows, "", *made.problems, ""])
 
 
 def _versions() -> dict[str, Any]:
-    packages = sorted({f"{each.name}=={each.version}" for each in metadata.distributions()}, key=str.lower)
+    known = [each.metadata for each in metadata.distributions()]  # each reads a file
+    packages = sorted({f"{each['Name']}=={each['Version']}" for each in known}, key=str.lower)
     checkout = ""
     with contextlib.suppress(OSError, subprocess.SubprocessError):
         changed = "-dirty" if _git("status", "--porcelain", "-uno") else ""
@@ -192,7 +198,7 @@ def _newest(system: str) -> list[Path]:
 
 def _add_recordings(made: Report, file: Path, most: int, say: Say) -> None:
     """Present memory content, and the newest recordings while there is room."""
-    if names_of(made.system):
+    if parts_of(made.system):
         now = file.with_name(f".{file.name}.mcap")
         try:
             dumped = dump(made.system, now, "for a report", say, PRIVATE)

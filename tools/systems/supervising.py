@@ -16,18 +16,20 @@ from trocar.procs.machine.log_files import put_aside
 from trocar.procs.machine.open_files import shortage
 from trocar.procs.machine.paths import made_log_folder
 from trocar.procs.machine.verb_lines import verb_line
-from trocar.shm.memory.segment import SegmentError
+from trocar.shm.memory.segment import SegmentError, names_of
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import Say, progress
 from trocar.tools.systems.cleanup import Keeper
 from trocar.tools.systems.ending import POLL_S, STOP_S, stop_system
-from trocar.tools.systems.find import environment, forbidden, is_up
+from trocar.tools.systems.find import environment, forbidden, is_up, other_owner
+from trocar.tools.systems.processes import running
 from trocar.tools.verbs.logs import tail
 
 MODULE = "trocar.procs.supervisor.loop"
 PR_SET_PDEATHSIG, TERMINATE = 1, 15
+ROOM = 160  # bytes for the command lines of processes, with two names, beyond those of the shortest supervisor's
 LIBC = ctypes.CDLL(None)
 START_S = 300.0  # a supervisor that cannot start ends at once with the reason; a busy machine is slow
 
@@ -58,16 +60,20 @@ class StartRequest:
             words += ["--set", each]
         words += ["--document"] if self.document else []
         words += ["--held"] if self.held else []
-        return words + (["--for", f"{self.seconds:g}"] if self.seconds is not None else [])
+        words += ["--for", f"{self.seconds:g}"] if self.seconds is not None else []
+        return [*words, "--room", " " * ROOM]
 
 
 def refuse_taken(system: str) -> None:
     """Problem if a system of this name is up, or is another user's."""
-    if why := forbidden(system):
-        raise Problem(f"{why}; --system gives another name")
+    if forbidden(system):
+        raise Problem(f"not permitted: system {system} belongs to {other_owner(system)}; --system gives another name")
     if is_up(system):
         raise Problem(f"system {system} is up already; {verb_line('down', system)} stops it, --system gives another "
                       "name")
+    if not names_of(system) and (left := [f"{each.instance} (pid {each.pid})" for each in running(system)]):
+        raise Problem(f"processes of an earlier system {system} still run, and their memory was removed: "
+                      f"{', '.join(left)}; {verb_line('down', system)} ends them")
 
 
 def refuse_shortage() -> None:

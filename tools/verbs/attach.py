@@ -10,6 +10,7 @@ import typer
 from trocar.tools.monitor.overview import identity_of
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit
+from trocar.tools.output.terminal import redraws
 from trocar.tools.systems.find import chosen_system, left_over
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -19,18 +20,18 @@ def attach(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Look into a system: processes, topics, values of any record, events, arms, commands. Changes nothing.
+    """Full-screen live monitor: processes, topics, values of any record, events, arms, commands. Changes nothing.
 
-    Keys stand at the bottom: 1 to 6 or Tab choose the page, / searches, f freezes, q leaves. It needs no configuration,
-    attaches at any time, and shows what a dead system left in shared memory as what it is. With --json everything is
-    one document; without a terminal it is printed once.
+    The keys are shown at the bottom: 1 to 6 or Tab select the page, / searches, f freezes, q quits. It needs no
+    configuration, attaches at any time, and shows the data that a crashed system left in shared memory, marked as such.
+    With --json everything is one document; without a terminal it is printed once.
 
     Example: trocar attach
 
     Example: trocar attach --json
     """
     if once and as_json:
-        raise Misuse("--once and --json say different things: --json is once, too")
+        raise Misuse("cannot combine --once and --json: --json implies --once")
     name = _meant(system)
     if not identity_of(name):
         raise Problem(f"system {name} is not in shared memory; trocar up starts one")
@@ -38,7 +39,7 @@ def attach(
         from trocar.tools.monitor.snapshot import document
 
         emit(document(name))
-    elif once or not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):  # it draws on the last
+    elif once or not all(map(redraws, (sys.stdin, sys.stdout, sys.stderr))):  # it draws on the last
         from trocar.tools.monitor.snapshot import print_once
 
         print_once(name)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
+from trocar.procs.machine.extras import missing_in
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, table, tell
 from trocar.tools.verbs.options import JsonOption
@@ -23,10 +24,13 @@ BENCHES: Final = {
 
 
 def bench(
-    name: Annotated[str, typer.Argument(metavar="NAME", help=f"What to measure: {', '.join(BENCHES)}.")],
-    file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="system: its file; default: ours.")] = None,
-    path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
-    boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
+    name: Annotated[str, typer.Argument(metavar="NAME", help=f"Measurement: {', '.join(BENCHES)}.")],
+    file: Annotated[Path | None, typer.Argument(
+        metavar="[SYSTEM]", help="System file (measurement `system` only); default: a supplied one.")] = None,
+    path: Annotated[list[Path] | None, typer.Option(
+        "--path", help="Additional folder to search (measurement `system` only).")] = None,
+    boards: Annotated[str, typer.Option(
+        "--boards", help="`emulated`: without hardware (measurement `system` only).")] = "",
     seconds: Annotated[float, typer.Option(
         "--seconds", min=0.0, help="teleop, system, bridges, gui, recorder, rl: seconds; 0: default.")] = 0.0,
     browser: Annotated[bool, typer.Option("--browser", help="gui: also in a real browser, Chromium.")] = False,
@@ -36,18 +40,18 @@ def bench(
 ) -> Any:
     """Measure this machine and this software; figures are ratios or times of one run.
 
-    What is compiled (procs/native) is used where it is; with TROCAR_NATIVE=0 in the environment numpy does it all.
+    The native library (procs/native) is used if it is compiled; with TROCAR_NATIVE=0 in the environment numpy is used.
 
     Example: trocar bench system --seconds 5 --json
     """
     if name not in BENCHES:
         raise Misuse(f"no bench {name}; there are: {', '.join(BENCHES)}")
     if boards not in ("", "emulated"):
-        raise Misuse(f"--boards {boards}: allowed is emulated")
+        raise Misuse(f"--boards {boards}; allowed: emulated")
     try:
         module = importlib.import_module(f"trocar.tools.bench.{BENCHES[name]}")
     except ModuleNotFoundError as error:
-        raise Problem(f"bench {name} cannot run: {error}") from None
+        raise Problem(f"bench {name} cannot run: {missing_in(error) or error}") from None
     from trocar.tools.bench.measuring import machine  # with numpy, which only a bench asks for
 
     given = {"file": file, "paths": tuple(path or ()), "boards": boards, "seconds": seconds,

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from trocar.procs.fpga import registers
+from trocar.procs.tables.codes import FIRMWARE_UNKNOWN
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.inspect import register_names, samples
 from trocar.tools.inspect.bus_client import NO_SERIALS, BusClient, FoundBoard, shared_id
@@ -89,9 +90,9 @@ def read(
                                          help="Number of registers from there.")] = 1,
     as_json: JsonOption = False,
 ) -> int:
-    """Read registers: hexadecimal, and what they mean where that is known. Changes nothing, also beside a running io.
+    """Read registers: hexadecimal, and their meaning where it is known. Changes nothing, even while an io uses the bus.
 
-    An axis register without an axis is read of every axis.
+    If no axis is given, an axis register is read for all axes.
 
     Example: trocar bus read udp 0 STATUS
     """
@@ -143,6 +144,8 @@ def write(
         raise Misuse("write asks for confirmation, but there is no terminal; --yes writes without asking")
     with BusClient(port) as desk:
         targets = tuple(desk.board(b) for b in ([info.board for info in desk.boards] if wanted is None else [wanted]))
+        if yes and (unknown := next((info for info in targets if info.is_unknown), None)):
+            raise Problem(f"{unknown.title}: the effect of a write is unknown here; --yes does not write")
         address = _one_address(register, targets[0] if len(targets) == 1 else None)
         desk.refuse_others("nothing was written")
         old = {info.board: desk.read(info.board, address) for info in targets}
@@ -182,6 +185,8 @@ def _announce(address: int, new: int, targets: tuple[FoundBoard, ...], old: dict
     for info in targets:
         was = _valued(info, address, old[info.board])
         note(f"  now{f' board {info.board}' if everyone else ''} {was['hex']}  {was['meaning']}".rstrip())
+    if any(info.is_unknown for info in targets):
+        note(f"  the effect of a write is unknown for this firmware; {FIRMWARE_UNKNOWN.remedy}")
     note(f"  new 0x{new:08X}  {register_names.written_meaning(address, new, targets[0])}".rstrip())
 
 
@@ -193,7 +198,8 @@ def watch(
 ) -> int:
     """Watch one board live, ten times a second; q or Ctrl-C leaves. Refused while a running io drives the bus.
 
-    Reading refreshes no watchdog; it restarts the board's sample timer, which is a running io's clock.
+    Reading does not refresh the watchdog, but it restarts the board's sample timer, which a running io on another
+    machine uses to measure time.
 
     Example: trocar bus watch udp 0 --once
     """

@@ -3,32 +3,46 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from trocar.procs.config import Checked, check_file
+from trocar.procs.config.loading.kinds import MODELS, schema_of
 from trocar.procs.config.read.problem import WARNING, count
 from trocar.procs.machine.paths import is_folder
+from trocar.tools.output.errors import Misuse
 from trocar.tools.output.printing import emit, tell
-from trocar.tools.verbs.options import JsonOption, SetOption
+from trocar.tools.verbs.options import JsonOption, PathOption, SetOption
 
 FINE, WRONG = 0, 1
 SUFFIXES = (".json", ".yaml")
 
 
 def check(
-    files: Annotated[list[Path], typer.Argument(metavar="FILES...", help="System files, or any file a system names.")],
-    path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
-    boards: Annotated[str | None, typer.Option("--boards", help="`emulated`, `real`: as `up` would start it.")] = None,
+    files: Annotated[list[Path] | None, typer.Argument(
+        metavar="FILES...", help="System files, or any file that a system file refers to.")] = None,
+    path: PathOption = None,
+    boards: Annotated[str | None, typer.Option(
+        "--boards", help="Check for `emulated` or `real` boards; default: as in the files.")] = None,
     sets: SetOption = None,
+    schema: Annotated[str, typer.Option(
+        "--schema", metavar="KIND", help="Print the JSON Schema of a kind of file: system, io, pid, psm, …")] = "",
     as_json: JsonOption = False,
 ) -> int:
-    """Validate configuration files: each mistake with file, line, key, value and what is allowed.
+    """Validate configuration files; report each mistake with file, line, key, value, and what is allowed.
 
     Example: trocar check configs/systems/demo.yaml
     """
+    if schema:
+        if schema not in MODELS:
+            raise Misuse(f"--schema {schema}: allowed are {', '.join(MODELS)}")
+        tell(json.dumps(schema_of(schema), indent=2))
+        return FINE
+    if not files:
+        raise Misuse("name the files to check")
     results = [check_file(file, search=path or (), boards=boards, sets=sets or ()) for file in files]
     for result in results:
         if as_json:

@@ -33,10 +33,10 @@ def compare(
     picture: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="Plot the differences.")] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Say what is different in two recordings, by topic and field: the largest difference, RMS, the first one.
+    """Compare two recordings by topic and field: the largest difference, RMS, the first difference.
 
-    "equal" is bit for bit (NaN is NaN), but for fields that are real time by nature; which they are is printed.
-    Exit code 0: equal, or within the tolerances; 1: different.
+    "equal" means bit for bit (NaN equals NaN), except for fields that contain real time; these are listed. Exit
+    code 0: equal, or within the tolerances; 1: different.
 
     Example: trocar compare monday.mcap tuesday.mcap --align start --tolerance position=0.1deg
     """

@@ -12,7 +12,7 @@ from trocar.procs.config.read.problem import ERROR, count
 from trocar.tools.converters.converting import Conversion, Result
 from trocar.tools.converters.report import DROPPED, LOST
 from trocar.tools.output.printing import emit, tell
-from trocar.tools.verbs.options import JsonOption
+from trocar.tools.verbs.options import JsonOption, PathOption
 
 FINE, WRONG = 0, 1
 _WORDS = {"equal": "there already and equal", "left_out": "left out", "with_errors": "with errors left"}
@@ -26,39 +26,55 @@ def convert(
         Path | None, typer.Option("--to", metavar="FOLDER", help="Folder for all results, also unchanged files.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files that differ.")] = False,
-    path: Annotated[
-        list[Path] | None, typer.Option("--path", help="The check also looks for named files here.")
-    ] = None,
+    path: PathOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Convert old configuration files to dVRK 2.4: what changed unit, was assumed or dropped is reported key by key.
+    """Convert old configuration files to dVRK 2.4, check the results, and report each key that was dropped, assumed or
+    converted to another unit.
 
     Example: trocar convert my-site --to new
     """
     results = Conversion(files, to, force, path or ()).results()
     for result in results:
         emit(_row(result)) if as_json else _print(result)
-    changes = [change for result in results if not _failed(result) for change in result.converted.changes]
-    lost, dropped = ([change for change in changes if change.outcome == outcome] for outcome in (LOST, DROPPED))
-    counts = _counts(results)
-    bad = {what: [str(result.file) for result in results if is_so(result)]
-           for what, is_so in (("failed", _failed), ("with errors left", _has_errors))}
+    summary = Summary(results)
     if as_json:
-        emit({"summary": counts | {"failed_files": bad["failed"], "files_with_errors": bad["with errors left"],
-                                   "lost": [dataclasses.asdict(change) for change in lost],
-                                   "dropped": [dataclasses.asdict(change) for change in dropped]}})
+        emit({"summary": summary.as_dict()})
     else:
-        told = [f"{number} {_WORDS.get(what, what)}" for what, number in counts.items() if number or what in _ALWAYS]
-        if all(result.copies for result in results):
+        summary.tell()
+    return FINE if all(result.ok for result in results) else WRONG
+
+
+class Summary:
+    """The outcome of all files, and the keys that were lost and dropped."""
+
+    def __init__(self, results: list[Result]) -> None:
+        self.results, self.counts = results, _counts(results)
+        self.failed = [str(result.file) for result in results if _failed(result)]
+        self.with_errors = [str(result.file) for result in results if _has_errors(result)]
+        self.lost, self.dropped = (
+            [change for result in results if not _failed(result) for change in result.converted.changes
+             if change.outcome == outcome] for outcome in (LOST, DROPPED))
+
+    def as_dict(self) -> dict[str, object]:
+        """For programs."""
+        return self.counts | {"failed_files": self.failed, "files_with_errors": self.with_errors,
+                              "lost": list(map(dataclasses.asdict, self.lost)),
+                              "dropped": list(map(dataclasses.asdict, self.dropped))}
+
+    def tell(self) -> None:
+        """For people."""
+        if all(result.copies for result in self.results):
             tell("no file has an old format: none needs a change")
-        if results:
-            tell(f"files: {', '.join(told)}; keys lost: {len(lost)}, dropped: {len(dropped)}")
-        for change in lost:
+        if self.results:
+            counted = ", ".join(f"{number} {_WORDS.get(what, what)}" for what, number in self.counts.items()
+                                if number or what in _ALWAYS)
+            tell(f"files: {counted}; keys lost: {len(self.lost)}, dropped: {len(self.dropped)}")
+        for change in self.lost:
             tell(f"  {change}")
-        for what, names in bad.items():
+        for what, names in (("failed", self.failed), ("with errors left", self.with_errors)):
             if names:
                 tell(f"{what}: {', '.join(names)}")
-    return FINE if all(result.ok for result in results) else WRONG
 
 
 def _print(result: Result) -> None:

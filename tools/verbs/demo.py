@@ -11,7 +11,9 @@ from typing import Annotated, Any
 
 import typer
 
+from trocar.procs.machine.extras import missing
 from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.procs.machine.verb_lines import default_system
 from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns
@@ -28,12 +30,11 @@ from trocar.tools.inspect.watch import arm_document
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import LiveLine, emit, note, number, progress, table, tell
 from trocar.tools.systems.supervising import START_S, StartRequest, up_meanwhile
-from trocar.tools.systems.web_address import reserved_port, web_addresses
+from trocar.tools.systems.web_address import web_addresses
 from trocar.tools.verbs.options import ClockOption, JsonOption, SetOption, clock_set
 
 SYSTEM = PROJECT_CONFIGS / "systems" / "demo-teleop.yaml"
 NAME = "demo"
-GUI_PORT = 8080  # of the web console, or one of the next
 SIZE_M = 0.04
 TURN_S = 8.0
 RATE_HZ = 100.0  # poses of the hand
@@ -56,15 +57,17 @@ def demo(
         "need the token that is printed.")] = "",
     sets: SetOption = None,
     as_json: JsonOption = False,
-    system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
+    system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME",
+                                          help="System name.")] = default_system(NAME),
 ) -> int:
-    """Start emulated boards, home a master and a PSM, and draw on the master: the PSM follows. No hardware is needed;
-    Ctrl-C ends it. The web console, whose address is printed, shows the arms. After a fault: trocar home, and trocar
-    send console teleop_enable 1; until then the hand does not touch the master.
+    """Start emulated boards, home a master and a PSM, and let an emulated hand move the master: the PSM follows. No
+    hardware is needed; Ctrl-C ends it. The web console, if installed, shows the arms; its address is printed. After a
+    fault, run trocar home, then trocar send console teleop_enable 1; until then the emulated hand does not touch the
+    master.
 
-    Seconds are in the system's time: a busy machine takes longer. After 20 times as long and a minute the demo
-    ends in any case, with exit code 1. The same exit code means an error, a process that died, or a PSM that does not
-    follow; lateness in real time is printed, but does not count.
+    Seconds are in the system's time: a busy machine takes longer. After 20 times the seconds of --for plus a
+    minute, in real time, the demo ends in any case, with exit code 1. The same exit code means an error, a process that
+    died, or a PSM that does not follow; lateness in real time is printed, but does not count.
 
     Example: trocar demo --for 10
     """
@@ -72,17 +75,21 @@ def demo(
     begin = monotonic_ns()
     end = begin + round((SLOWEST * seconds + AROUND_S) * 1e9) if seconds else None
     summary: dict[str, Any] = {"problems": []}
-    with reserved_port(GUI_PORT) as port, up_meanwhile(
-            StartRequest(SYSTEM, system, "emulated", sets=(*values, f"gui.listen={listen or f'127.0.0.1:{port}'}")),
-            _left_s(end) or START_S) as background:
+    lacks = missing("nicegui")
+    if lacks and listen:
+        raise Problem(lacks)
+    console = () if lacks else (f"gui.listen={listen}" if listen else "gui={}",)  # without an address: a free one
+    with up_meanwhile(StartRequest(SYSTEM, system, "emulated", sets=(*console, *values)),
+                      _left_s(end) or START_S) as background:
         try:
-            note(f"see it, and run it: {', '.join(web_addresses(system))}")
+            if lacks or (links := web_addresses(system)):
+                note(lacks or f"view and control it: {', '.join(links)}")
             _bring_up(system, begin, end)
             summary = _operate(system, begin, seconds, end)
         except KeyboardInterrupt:
             note("stopped before the motion began")
         except (Problem, SegmentError) as problem:
-            summary["problems"].append(f"{problem}. The demo ends here, and its system with it")
+            summary["problems"].append(f"{problem}. The demo ends and its system is stopped")
         finally:
             if background.state() == "RUNNING":  # not of the next system of this name
                 with contextlib.suppress(Problem, SegmentError), progress("power off") as say:
@@ -97,9 +104,10 @@ def demo(
 
 
 def _bring_up(system: str, begin: int, end: int | None) -> None:
-    with progress("power on") as say:
+    with progress("power-on") as say:
         bring_all(system, (), ENABLED, _left_s(end), say)
         note(f"powered after {_since(begin):.1f} s")
+    with progress("homing") as say:
         bring_all(system, (), HOMED, _left_s(end), say)
         note(f"homed after {_since(begin):.1f} s")
 

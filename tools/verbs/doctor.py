@@ -12,7 +12,7 @@ from trocar.tools.verbs.options import JsonOption
 def doctor(as_json: JsonOption = False) -> int:
     """Check this machine (kernel, rights, cores, memory, ports, network, free CPU) and print a fix for each problem.
 
-    Changes nothing. Exit code 1: a robot would not run well; a note does not matter for trying things out.
+    Changes nothing. Exit code 1: a robot would not run well; findings marked "note" do not matter for first trials.
 
     Example: trocar doctor
     """

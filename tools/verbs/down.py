@@ -7,11 +7,10 @@ from typing import Annotated
 
 import typer
 
-from trocar.shm.system.directory import systems
 from trocar.tools.output.printing import emit, progress, tell
 from trocar.tools.systems.dumping import keep_left_over
 from trocar.tools.systems.ending import STOP_S, stop_system
-from trocar.tools.systems.find import chosen_system, left_over, those_up
+from trocar.tools.systems.find import all_up, chosen_system, left_over, those_up
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
@@ -20,9 +19,9 @@ def down(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Stop a system: robots lose power in order, every process ends. Clears what dead systems left, too.
+    """Stop a system: robots are powered off properly, then every process ends. Also cleans up after crashed systems.
 
-    It is down when this says so: nothing of it runs, nothing of it lies in shared memory. Else exit code 1.
+    Exit code 0: no process of the system runs, and none of its shared memory remains. Exit code 1: something remains.
 
     Example: trocar down
     """
@@ -30,7 +29,7 @@ def down(
     for name in left_over(system):
         with progress(f"clearing {name}") as say:
             cleared[name] = stop_system(name, say, timeout, partial(keep_left_over, say=say))
-    if not cleared or those_up(name for name in systems() if system in (None, name)):
+    if not cleared or (all_up() if system is None else those_up([system])):
         stopped = chosen_system(system)
         with progress(f"stopping {stopped}") as say:
             left = stop_system(stopped, say, timeout, partial(keep_left_over, say=say))
@@ -40,7 +39,7 @@ def down(
         emit({"stopped": stopped, "cleared": cleared})
         return 0
     for name, count in cleared.items():
-        tell(f"cleared {count} segments that {name} left behind")
+        tell(f"removed {count} shared-memory segments left by {name}")
     if stopped:
         tell(f"system {stopped} is down")
     return 0

@@ -22,10 +22,11 @@ def dump(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Save all rings of a system at full rate, as deep as they are: seconds of every state, all events and commands.
+    """Save all rings of a system at full rate: the last seconds of every state, all events and commands.
 
-    Also of a system that has died, or whose processes hang; `up` and `down` do it by themselves before they clear what
-    a dead one left. Changes nothing in the system. Exit code 1: something could not be read; the rest is in the file.
+    This also works for a system that crashed, or whose processes hang; `up` and `down` do it by themselves before they
+    clean up after a crashed system. Changes nothing in the system. Exit code 1: a part could not be read; the rest is
+    in the file.
 
     Example: trocar dump before.mcap
     """

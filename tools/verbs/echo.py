@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from trocar.procs.crtk.demand import OnDemand, wait_until_computed
+from trocar.procs.crtk.demand import Wanted, wait_until_computed
 from trocar.procs.crtk.field_paths import BadPath, FieldCells, FieldPath, all_cells, cells_of
 from trocar.procs.crtk.topics import EVENT, RECORD, find
 from trocar.procs.crtk.views import OpenTopic, event_as_dict, state_as_event
@@ -45,11 +45,12 @@ def echo(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Print the values of a topic: a whole record, a CRTK view, a field of either, or events, earlier ones first.
+    """Print the values of a topic.
 
-    Values that are computed on demand are requested while this runs; those that are not available are empty (null).
-
-    Events are lines with the time of day. Exit code 1: nothing came in time.
+    A topic is a whole record (PSM1/state), a CRTK name such as PSM1/measured_js, a field of either, or events.
+    Events are printed oldest first, each as one line with the time of day. Fields that are computed on demand are
+    requested while this runs; unavailable values are printed empty, as null in JSON. Exit code 1: nothing came in
+    time.
 
     Example: trocar echo PSM1/measured_js --once --json
 
@@ -58,15 +59,15 @@ def echo(
     Example: trocar echo 'PSM1/measured_js.position[0:3]' --csv - -n 5
     """
     if once and count:
-        raise Misuse("--once and --count say different things")
+        raise Misuse("cannot combine --once and --count")
     if csv and as_json:
-        raise Misuse("--csv and --json say different things")
+        raise Misuse("cannot combine --csv and --json")
     path = path_of(topic)
     name, most = chosen_system(system), 1 if once else count
     source = _open(name, path)
-    with source, OnDemand(name, source.entry.instance) as demand, contextlib.suppress(KeyboardInterrupt):
+    with source, Wanted(name, every=rate == 0.0) as demand, contextlib.suppress(KeyboardInterrupt):
         try:
-            demand.want(source)
+            demand.want(source.entry)
         except SegmentError as error:
             note(f"{topic}: what is computed on demand may be missing ({error})")
         if source.entry.ring == "events" and not path.field and not csv:

@@ -39,7 +39,7 @@ def export(
     end: ToOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Write a recording as CSV or Parquet, a file a topic, or as a bag that rosbag2 and its tools open.
+    """Write a recording as CSV or Parquet, one file for each topic, or as a bag that rosbag2 and its tools open.
 
     In tables an array has a column for each element, named after its joint; topics without records are left out unless
     --topics names them. Parquet needs pyarrow.
@@ -58,7 +58,7 @@ def export(
         table = RecordingTables(recording, wanted, part, all_of_them=bool(topics))
         if to == STDOUT:
             if len(wanted) != 1:
-                raise Misuse(f"-o -: one topic of {', '.join(recording.record_topics)}; choose it with --topics")
+                raise Misuse(f"-o - exports one topic; choose it with --topics: {', '.join(recording.record_topics)}")
             table.to_stdout(say)
             return _told(recording.problems)
         if form == PARQUET:

@@ -23,6 +23,7 @@ from trocar.procs.kinematics.master_gravity import MasterGravity
 from trocar.procs.kinematics.poses import PoseError, check_matrix
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import tell
+from trocar.tools.verbs.options import PathOption
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -34,8 +35,6 @@ ToolOption: TypeAlias = Annotated[
     Path | None, typer.Option("--tool", metavar="FILE", help="A tool file, e.g. tool/LARGE_NEEDLE_DRIVER_400006.json.")]
 ArmOption: TypeAlias = Annotated[
     Path | None, typer.Option("--arm", metavar="FILE", help="An arm file: names kinematics, tool, endoscope, pitch.")]
-PathOption: TypeAlias = Annotated[
-    list[Path] | None, typer.Option("--path", help="Also look for named files here.")]
 
 
 class Wrong(ValueError):
@@ -74,7 +73,7 @@ def jacobian(kinematic: KinematicOption = None, tool: ToolOption = None, arm: Ar
 
 def ik(kinematic: KinematicOption = None, tool: ToolOption = None, arm: ArmOption = None,
        path: PathOption = None) -> int:
-    """Joints for a pose. In: {"goal": 4×4, "seed": [...]}. Out adds ok, q and, where it is not ok, reason.
+    """Joints for a pose. In: {"goal": 4×4, "seed": [...]}. Out adds ok, q and reason (empty if ok).
 
     Without a solution q is the seed. The seed may be left out: then it is the middle of the joints' ranges.
 
@@ -103,7 +102,7 @@ def gravity(kinematic: KinematicOption = None, tool: ToolOption = None, arm: Arm
             camera_mass: Annotated[float | None, typer.Option("--camera-mass", min=0.0, metavar="KG",
                                                               help="Of an ECM; default: its endoscope's.")] = None,
             ) -> int:
-    """Holding efforts. In: {"q": [...]}, maybe pitch (mounting, rad) and, of masters, qd. Out adds tau, N·m or N.
+    """Holding efforts. In: {"q": [...]}, optional pitch (mounting, rad), for masters qd. Out adds tau, N·m or N.
 
     Joints are those of the arm, or of the links of the file that has the masses.
 
@@ -135,7 +134,7 @@ def gravity(kinematic: KinematicOption = None, tool: ToolOption = None, arm: Arm
 def load(kinematic: Path | None, tool: Path | None, arm: Path | None, path: list[Path] | None) -> OfflineArm:
     """What the options name; Misuse without a file, Problem with every mistake of the files."""
     if kinematic is None and arm is None:
-        raise Misuse("which arm? give --kinematic FILE or --arm FILE")
+        raise Misuse("no arm given; use --kinematic FILE or --arm FILE")
     offline, problems = load_offline(kinematic, tool, arm, search=path or ())
     if offline is None:
         raise Problem("\n".join(str(problem) for problem in problems))

@@ -20,7 +20,7 @@ from trocar.shm.time.clock import pause
 from trocar.tools.output.columns import columns_file, path_of
 from trocar.tools.output.errors import Misuse
 from trocar.tools.output.printing import emit, number, table, tell
-from trocar.tools.systems.find import chosen_system
+from trocar.tools.systems.find import chosen_system, is_reduced
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
 WINDOW_S = 1.0
@@ -30,12 +30,15 @@ def list_topics(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Every field with its unit and meaning.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
-) -> None:
-    """List the topics of a running system: records, CRTK views on them, events.
+) -> int:
+    """List the topics of a running system: topics with records, CRTK views of them, and events.
+
+    Exit code 1: another program removed shared memory of the system.
 
     Example: trocar list --verbose
     """
-    entries = catalogue(chosen_system(system))
+    name = chosen_system(system)
+    entries = catalogue(name)
     if as_json:
         emit(*map(_described, entries))
     elif verbose:
@@ -52,6 +55,7 @@ def list_topics(
         rows = [(e.name, f"{e.kind} {e.simulation}".rstrip(), number(e.rate_hz or None, "g"), _names(e), e.problem)
                 for e in entries]
         table("", ("topic", "kind", "nominal Hz", "fields", "problem"), rows, right=("nominal Hz",))
+    return int(is_reduced(name))
 
 
 def _names(entry: TopicEntry) -> str:
@@ -70,7 +74,7 @@ def _described(entry: TopicEntry) -> dict[str, Any]:
 
 def hz(
     topics: Annotated[list[str] | None, typer.Argument(
-        metavar="[TOPICS]...", help="Topics, or fields of topics; default: every record.")] = None,
+        metavar="[TOPICS]...", help="Topics, or fields of topics; default: every topic that has records.")] = None,
     window: Annotated[float, typer.Option("--window", min=0.05, help="Measure for this many seconds.")] = WINDOW_S,
     csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="Write CSV; -: standard output.")] = "",
     as_json: JsonOption = False,
@@ -78,14 +82,14 @@ def hz(
 ) -> int:
     """Measure the rates of topics by their sequence numbers, and the spacing of their stamps.
 
-    Of a field also how often its value changed.
+    For a field, also measure how often its value changed.
 
     Example: trocar hz PSM1/state IO1/state
 
     Example: trocar hz 'PSM1/measured_js.position[0]' --json
     """
     if csv and as_json:
-        raise Misuse("--csv and --json say different things")
+        raise Misuse("cannot combine --csv and --json")
     paths = [path_of(text) for text in topics or []]
     name = chosen_system(system)
     entries = [find(name, path.topic) for path in paths] if paths else [e for e in catalogue(name) if e.kind == RECORD]
@@ -128,7 +132,7 @@ class _Rate:
         self._entry, self._path, self._before, self._problem = entry, path, 0, entry.problem
         self._reader: RingReader | None = None
         try:
-            self._reader = directory.reader(system, entry.instance, entry.ring)
+            self._reader = directory.reader(system, entry.instance, entry.ring, often=False)
             self._before = self._reader.head
         except SegmentError as error:
             self._problem = str(error)

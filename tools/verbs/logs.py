@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import os
 from collections import deque
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TextIO
 
@@ -26,11 +26,10 @@ from trocar.tools.inspect.messages import asked_line, asked_rows
 from trocar.tools.inspect.messages import line as event_line
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import answer, emit, need_reader, note, tell
-from trocar.tools.systems.find import all_up, chosen_system, unknown
+from trocar.tools.systems.find import chosen_or_earlier, chosen_system, unknown
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
 POLL_S = 0.1
-LAST = 3  # systems that are named where none is up
 MAX_LINES = 100
 """Of an entry at most, the newest ones: what a process prints has no stamps, and may be long."""
 
@@ -38,60 +37,65 @@ MAX_LINES = 100
 def logs(
     instance: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One process; default: all.")] = None,
     lines: Annotated[int, typer.Option("-n", "--lines", min=0, help="Newest entries.")] = 20,
-    commands: Annotated[bool, typer.Option("--commands", help="Commands instead, with sender and outcome; while "
-                                           "the system runs.")] = False,
+    commands: Annotated[bool, typer.Option("--commands", help="Commands instead, with sender and outcome; of a running "
+                                           "system, or of a recording.")] = False,
     follow: Annotated[bool, typer.Option("--follow", "-f", help="Follow new entries.")] = False,
     as_json: JsonOption = False,
     recording: RecordingOption = None,
     system: SystemOption = None,
 ) -> int:
-    """Print the newest entries the processes wrote; also after the system went down (then with --system).
+    """Print the newest log entries of the processes; with --system also for a system that is down.
 
-    Entries of several processes come in the order in which they were written. A traceback belongs to its entry.
+    Entries of several processes come in the order in which they were written. A traceback counts as part of its entry.
 
     Example: trocar logs PSM1 -n 50
 
     Example: trocar logs PSM1 --commands
 
-    Of a recording: its newest messages, from the clock of its time, or with --commands what was asked for.
+    For a recording: its newest messages, with the times of the recording, or with --commands the recorded commands.
     """
-    if recording is not None:
-        for row, text in _recorded(recording, instance, lines, commands):
+    if recording is not None or commands:
+        for row, text in (_recorded(recording, instance, lines, commands) if recording is not None else
+                          _asked(system or chosen_system(), instance, lines, as_json)):
             answer(row, text, as_json)
         return 0
-    if commands:
-        rows, older = asked_rows(system or chosen_system(), instance, lines)
-        _tell_older(left_out(older, "commands", lines), as_json)
-        for row in rows:
-            answer(row, asked_line(row), as_json)
-        return 0
-    folder = log_folder(os.environ, system or _chosen(instance))
+    folder = log_folder(os.environ, system or chosen_or_earlier(f"logs {instance}" if instance else "logs"))
     if not is_folder(folder):
         chosen_system(system)  # who may not look at it, or misspells it, is told so
         raise Problem(f"{folder}: there are no logs of this system")
+    with contextlib.suppress(KeyboardInterrupt):
+        _print_files(folder, instance, lines, follow, as_json)
+    return 0
+
+
+def _print_files(folder: Path, instance: str | None, lines: int, follow: bool, as_json: bool) -> None:
+    """The newest entries of a system's log files, and with `follow` those that come, until Ctrl-C."""
     found = {path.stem: path for path in sorted(folder.glob("*.log")) if not is_old(path)}
     writer = _host(folder.name, instance, found) if instance is not None else ""
     if instance is not None and writer not in found:
         raise unknown("log", instance, found)
     chosen = {writer: found[writer]} if writer else found
     only = instance if writer != instance else None
-    files = {name: path.open(errors="replace") for name, path in chosen.items()}
-    try:
+    with contextlib.ExitStack() as stack:
+        files = {name: stack.enter_context(path.open(errors="replace")) for name, path in chosen.items()}
         shown, older = newest({name: _news(file, only) for name, file in files.items()}, lines)
         _tell_older(left_out(older, "lines", lines), as_json)
-        for name, line in shown:
-            _print(name, line, len(chosen) > 1, as_json)
-        while follow:
-            for name, line in in_order({name: _news(file, only) for name, file in files.items()}):
+        while True:
+            for name, line in shown:
                 _print(name, line, len(chosen) > 1, as_json)
+            if not follow:
+                return
             need_reader()
             pause(POLL_S)
-    except KeyboardInterrupt:
-        return 0
-    finally:
-        for file in files.values():
-            file.close()
-    return 0
+            shown = in_order({name: _news(file, only) for name, file in files.items()})
+
+
+def _asked(system: str, instance: str | None, most: int, as_json: bool) -> Iterator[tuple[dict[str, Any], str]]:
+    """The newest commands of a running system."""
+    rows, older = asked_rows(system, instance, most)
+    _tell_older(left_out(older, "commands", most), as_json)
+    for row in rows:
+        yield row, asked_line(row)
 
 
 def _recorded(file: Path, instance: str | None, most: int, commands: bool) -> list[tuple[dict[str, Any], str]]:
@@ -117,23 +121,6 @@ def _recorded(file: Path, instance: str | None, most: int, commands: bool) -> li
         elif int(row["severity"]) >= STATUS and (kinds.get(name) != "system" or instance is not None):
             found.append((data, f"{name}  {event_line(data)}"))
     return found[-most:] if most else []
-
-
-def _chosen(instance: str | None) -> str:
-    """The system meant where none is named; Problem names those that were up last where none is."""
-    kept = sorted(log_folder(os.environ, "any").parent.glob("*/supervisor.log"), key=_changed, reverse=True)
-    if all_up() or not kept:
-        return chosen_system()
-    words = f"logs {instance}" if instance else "logs"
-    raise Problem(f"no system is up; trocar {words} --system NAME prints the logs of an earlier one: "
-                  f"{', '.join(path.parent.name for path in kept[:LAST])}")
-
-
-def _changed(path: Path) -> float:
-    try:
-        return path.stat().st_mtime
-    except OSError:
-        return 0.0
 
 
 def _tell_older(text: str, as_json: bool) -> None:

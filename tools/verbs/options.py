@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,15 +13,20 @@ CLOCKS = ("wall", "paced", "lockstep")
 
 SystemOption = Annotated[
     str | None,
-    typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Which system; default: the only one up."),
+    typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="System name; default: the only one up."),
 ]
 ClockOption = Annotated[
     str, typer.Option("--clock", metavar="CLOCK",
-                      help="wall, paced (simulated, never faster) or lockstep; default: paced without hardware."),
+                      help="wall (real time), paced (simulated, never faster than real time) or lockstep (simulated, "
+                      "as fast as possible); default: wall with hardware, else paced."),
 ]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section, e.g. "
                                    "io.period_s=0.001; docs/configuration.md lists all keys."),
+]
+PathOption = Annotated[
+    list[Path] | None, typer.Option("--path", metavar="FOLDER", help="Additional folder in which to search for files; "
+                                    "may be given several times."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="JSON for programs, one object a line.")]
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from trocar.procs.config.loading import convert
-from trocar.procs.config.models.pid_file import PidFile
+from trocar.procs.config.models.io_file import PidFile
 from trocar.procs.config.read.source import SourceFile, read_source
 from trocar.procs.config.read.validate import validate
 from trocar.procs.document.gains import GAINS, value_of
@@ -39,7 +38,7 @@ def save_as(gains: Present, file: Path, *, force: bool) -> SavedPidFile:
     saved = SavedPidFile(_put(gains, data), notes=notes)
     saved.backup = put(file, to_json(data), lambda fresh: _check(gains, fresh))
     if saved.backup is not None:
-        saved.notes.append(f"{file} was there; it is {saved.backup} now")
+        saved.notes.append(f"the previous {file} was saved as {saved.backup}")
     return saved
 
 
@@ -50,11 +49,11 @@ def _origin(gains: Present) -> tuple[dict[str, Any], list[str]]:
     path = Path(gains.file)
     source, problems = read_source(path)
     if source is None:
-        raise Problem(f"{gains.robot} has its gains from a file that can no longer be read: {problems[0]}")
+        raise Problem(f"{gains.robot} was started with gains from a file that can no longer be read: {problems[0]}")
     content, problems = validate(PidFile, source)
     if content is None:
         raise Problem(f"{gains.robot} has its gains from a file that has changed since: {problems[0]}")
-    rows = convert.pid(content, gains.robot, gains.arm, "").axes
+    rows = content.pid
     if [row.name for row in rows] != list(gains.names):
         raise Problem(f"{path} has other actuators than {gains.robot} was started with: {', '.join(gains.names)}")
     notes = []
@@ -81,7 +80,7 @@ def _put(gains: Present, data: dict[str, Any]) -> list[str]:
     content, _ = validate(PidFile, SourceFile(Path(gains.file), data, {}))
     assert content is not None
     changed = []
-    for axis, row in enumerate(convert.pid(content, gains.robot, gains.arm, "").axes):
+    for axis, row in enumerate(content.pid):
         for gain in GAINS:
             value = gains.row(axis)[gain.key]
             if value != value_of(row, gain.key):
@@ -96,7 +95,7 @@ def _check(gains: Present, file: Path) -> None:
     content = None
     if source is not None:
         content, problems = validate(PidFile, source)
-    rows = convert.pid(content, gains.robot, gains.arm, "").axes if content is not None else ()
+    rows = content.pid if content is not None else ()
     same = len(rows) == len(gains.names) and all(
         value_of(row, gain.key) == gains.values[gain.key][axis] for axis, row in enumerate(rows) for gain in GAINS)
     if not same:

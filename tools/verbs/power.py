@@ -11,44 +11,37 @@ from trocar.tools.client.bring_up import bring
 from trocar.tools.inspect.watch import powered_names
 from trocar.tools.output.errors import Problem, only_waiting
 from trocar.tools.output.printing import emit, note, progress, table
-from trocar.tools.systems.find import chosen_system, supervisor_of
+from trocar.tools.systems.find import chosen_system, is_reduced, supervisor_of
 from trocar.tools.systems.processes import commissioning
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
-Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; default: all of the system.")]
+Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; default: all arms of the system.")]
+DOING = {ENABLED: "power-on", HOMED: "homing", DISABLED: "power-off"}
 Timeout = Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds for each step; 0: the default.")]
 
 
-def power_on(
-    arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False, system: SystemOption = None
-
-
-) -> int:
-    """Enable the arms: motor power on, joints not yet homed. Faulty arms are disabled first.
+def power_on(arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False,
+             system: SystemOption = None) -> int:
+    """Enable the arms: motor power on, joints not yet homed. Arms in FAULT are disabled first.
 
     Example: trocar power-on PSM1
     """
     return _verb(ENABLED, arms, timeout, as_json, system)
 
 
-def home(
-    arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False, system: SystemOption = None
-
-
-) -> int:
-    """Home the arms, after enabling those that are not. Arms move!
+def home(arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False, system: SystemOption = None) -> int:
+    """Home the arms; those that are not enabled are enabled first. Arms move!
 
     Example: trocar home
     """
     return _verb(HOMED, arms, timeout, as_json, system)
 
 
-def power_off(
-    arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False, system: SystemOption = None
-
-
-) -> int:
+def power_off(arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False,
+              system: SystemOption = None) -> int:
     """Disable the arms: motor power off. Arms without brakes sink!
+
+    Exit code 1: an arm is not off, or another program removed shared memory of the system.
 
     Example: trocar power-off
     """
@@ -64,7 +57,7 @@ def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, syst
     if not names:
         raise Problem(f"system {name} has no arms")
     stops = " ".join(("trocar power-off", *(arms or ()))) if goal != DISABLED else ""
-    with only_waiting(stops), progress(f"{goal}…") as say:
+    with only_waiting(stops), progress(DOING[goal]) as say:
         problems = bring(name, names, goal, timeout, say, note)
     if as_json:
         emit(*({"arm": arm, "goal": goal, "done": not problem, "problem": problem or None}
@@ -72,4 +65,4 @@ def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, syst
     else:
         rows = [(arm, goal if not problem else "NOT " + goal, problem) for arm, problem in problems.items()]
         table("", ("arm", "result", "why"), rows)
-    return 1 if any(problems.values()) else 0
+    return 1 if (goal == DISABLED and is_reduced(name)) or any(problems.values()) else 0

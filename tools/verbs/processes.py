@@ -36,9 +36,9 @@ Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do it without asking.")]
 
 
 def start(name: Name, as_json: JsonOption = False, system: SystemOption = None) -> int:
-    """Start a process that was stopped, or that nobody tries to start any more; returns when it runs.
+    """Start a process that was stopped, or was given up after repeated crashes; returns when it runs.
 
-    Nothing is powered and nothing moves by it. One that runs already goes on.
+    It powers and moves nothing. A process that already runs is not affected.
 
     Example: trocar start PSM1
     """
@@ -46,9 +46,9 @@ def start(name: Name, as_json: JsonOption = False, system: SystemOption = None) 
 
 
 def stop(name: Name, yes: Yes = False, as_json: JsonOption = False, system: SystemOption = None) -> int:
-    """Stop a process; it stays down until it is started. Names what depends on it, and asks.
+    """Stop a process; it stays down until it is started. Names the processes that depend on it, and asks.
 
-    An io switches its robots off in order. When an arm is stopped, io holds it where it is.
+    Before an io stops, it switches its robots off properly. When an arm is stopped, io holds it where it is.
 
     Example: trocar stop PSM1 --yes
     """
@@ -57,7 +57,7 @@ def stop(name: Name, yes: Yes = False, as_json: JsonOption = False, system: Syst
 
 
 def restart(name: Name, yes: Yes = False, as_json: JsonOption = False, system: SystemOption = None) -> int:
-    """Stop a process and start it again; returns when it runs. Names what depends on it, and asks.
+    """Restart a process; returns when it runs. Names the processes that depend on it, and asks.
 
     Example: trocar restart PSM1 --yes
     """

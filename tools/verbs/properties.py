@@ -24,7 +24,7 @@ def get(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Print properties of processes of your own.
+    """Print properties of the recorder and of processes of your own.
 
     Example: trocar get
     """
@@ -47,17 +47,17 @@ def set_property(
     name: Annotated[str, typer.Argument(metavar="NAME.PROPERTY", help="Property to set.")],
     value: Annotated[str, typer.Argument(
         metavar="VALUE", help="New value, within its bounds: a number, or a text.")],
-    save: Annotated[bool, typer.Option("--save", help="Keep all of them for the next start.")] = False,
+    save: Annotated[bool, typer.Option("--save", help="Save all the process's properties for the next start.")] = False,
     system: SystemOption = None,
 ) -> int:
-    """Set a property of a process of your own, at once.
+    """Set a property of the recorder or of a process of your own, at once.
 
     Example: trocar set box.stiffness 200 --save
     """
     chosen = chosen_system(system)
     owner, dot, wanted = name.partition(".")
     if not dot:
-        raise Misuse(f"{name}: it takes NAME.PROPERTY")
+        raise Misuse(f"{name}: expected NAME.PROPERTY")
     owners = _owners(chosen)
     if owner not in owners:
         raise unknown("process with properties", owner, owners)

@@ -19,7 +19,7 @@ from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools.client.remote import Remote
 from trocar.tools.output.errors import Misuse, Problem, Refused
-from trocar.tools.output.printing import Say, answer, emit, note, number, plain, progress, tell
+from trocar.tools.output.printing import Say, answer, emit, note, number, plain, progress
 from trocar.tools.systems.find import chosen_system
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -41,50 +41,58 @@ def record(
     stop: Annotated[bool, typer.Option("--stop", help="End the recording of this name that is under way.")] = False,
     detach: Annotated[bool, typer.Option("--detach", help="Return when it has begun; --stop ends it.")] = False,
     keep: Annotated[bool, typer.Option(
-        "--keep", help="Save the last minutes and all rings now, as after a fault; NAME is the reason.")] = False,
+        "--keep", help="Save the last minutes now, as after a fault; NAME is stored as the reason.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
     """Record topics into a file, every record of them, with all events and commands. Ctrl-C ends it.
 
-    So does whatever else ends this program, a closed terminal for instance; with --detach it goes on.
+    The recording also ends if this program ends for another reason, e.g. a closed terminal; with --detach it continues.
 
     Where files are, what is in them and how to open them: docs/recordings.md. Exit code 1: records are missing.
 
     Example: trocar record grasp PSM1 IO1/state --for 2
     """
-    chosen = chosen_system(system)
-    if (stop and (topics or seconds or detach or keep)) or (keep and (topics or seconds or detach)):
+    chosen, is_new = chosen_system(system), not (stop or keep)
+    if not is_new and (topics or seconds or detach or (stop and keep)):
         raise Misuse("--stop and --keep take a name at most, and nothing else")
-    if not (name or stop or keep):
+    if is_new and not name:
         raise Misuse("it takes a name: trocar record NAME")
     with ExitStack() as stack:
-        try:
-            remote = stack.enter_context(Remote(chosen, RECORDER))
-        except SegmentError as error:
-            raise Problem(f"{error}; {chosen} has no recorder (trocar.recorder.on)") from None
+        remote = stack.enter_context(_recorder(chosen))
         state = stack.enter_context(closing(directory.reader(chosen, RECORDER, "state", often=False)))
         remote.wait_until_it_runs()
-        if stop:
-            reply = remote.settled("stop", text=name, timeout=END_S)
-            if reply.outcome != "done":
-                raise Refused(reply.text)
-            return _ended(reply.text, _seen(state), as_json)
-        if keep:
-            return _kept(remote, name, as_json)
+        if not is_new:
+            text = _settled(remote, "stop" if stop else "keep", name)
+            return _ended(text, _seen(state), as_json) if stop else _kept(text, as_json)
         for topic in topics or ():
             remote.ask("choose", text=topic)
-        recorder = RecorderWatch(state, stack.enter_context(SystemTime(chosen)))
         number = remote.send("record", [seconds, float(not detach)], name)
         with _stopped_where_it_fails(remote, name):
             _begun(remote, number)
             if detach:
                 found = _seen(state)
-                emit(found) if as_json else tell(f"recording {name} into {found['path']}; trocar record {name} --stop")
+                answer(found, f"recording {name} into {found['path']}; trocar record {name} --stop", as_json)
                 return 0
+            recorder = RecorderWatch(state, stack.enter_context(SystemTime(chosen)))
             with progress(f"recording {name}") as say:
                 said = _watch(remote, number, state, name, seconds, as_json, say, recorder)
         return _ended(said, _seen(state), as_json)
+
+
+def _recorder(system: str) -> Remote:
+    try:
+        return Remote(system, RECORDER)
+    except SegmentError as error:
+        raise Problem(f"{error}; {system} has no recorder (trocar.recorder.on)") from None
+
+
+def _settled(remote: Remote, command: str, name: str) -> str:
+    """The answer to a command that has ended; Refused if it was not carried out."""
+    reply = remote.settled(command, text=name, timeout=END_S)
+    if reply.outcome != "done":
+        raise Refused(reply.text)
+    return reply.text
 
 
 @contextmanager
@@ -177,10 +185,7 @@ def _ended(said: str, found: dict[str, Any], as_json: bool) -> int:
     return int(bool(found.get("lost")))
 
 
-def _kept(remote: Remote, why: str, as_json: bool) -> int:
-    reply = remote.settled("keep", text=why, timeout=END_S)
-    if reply.outcome != "done":
-        raise Refused(reply.text)
-    path = reply.text.removeprefix("kept in ")
+def _kept(said: str, as_json: bool) -> int:
+    path = said.removeprefix("kept in ")
     answer({"path": path}, f"kept in {path}", as_json)
     return 0

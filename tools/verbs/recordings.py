@@ -14,7 +14,7 @@ from trocar.procs.recordings.reading import RecordingError, open_recording
 from trocar.tools.analysis.places import folder_of
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import emit, note, table, tell
-from trocar.tools.systems.find import chosen_system
+from trocar.tools.systems.find import chosen_or_earlier, chosen_system
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
 COLUMNS = ("file", "kind", "time", "real s", "MB", "code", "why")
@@ -28,15 +28,16 @@ def recordings(
 ) -> int:
     """List recordings: those of the last minutes (box), of faults with their reasons, and those that you made.
 
-    A fault is listed with the code and the text of the error that led to it; where there are too many, the first one
-    since all was well is removed last. Times are local, those in file names UTC. Real seconds go from the first message
-    to the last (`record --for` counts those of the system); of a fault or dump, events and commands from before its
-    samples count. For a system that is down, name it
-    with --system. `logs`, `scope`, `compare`, `export` and `replay` read recordings.
+    A fault is listed with the code and the text of the error that led to it; if there are too many, files of repeated
+    faults are removed before those of original ones. Times are local, those in file names UTC. "real s" is the real
+    time from the first message to the last (`record --for` counts seconds of the system); for a fault or dump this
+    includes events and commands from before its samples. For a system that is down, name it with --system. `logs`,
+    `scope`, `compare`, `export` and `replay` read recordings.
 
     Example: trocar recordings fault
     """
-    folder = folder_of(system if system and folder_of(system).is_dir() else chosen_system(system))
+    folder = folder_of(system if system and folder_of(system).is_dir() else chosen_system(system) if system else
+                       chosen_or_earlier("recordings"))
     if unknown := [kind for kind in kinds or () if kind not in names.WORDS]:
         raise Problem(f"kind {unknown[0]}: there are {', '.join(names.WORDS)}")
     if folder.is_dir() and not os.access(folder, os.R_OK | os.X_OK):

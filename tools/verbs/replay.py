@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,7 +17,7 @@ from trocar.tools.analysis.comparing import DIFFERENT, Comparing, as_dict
 from trocar.tools.analysis.differences import STAMP
 from trocar.tools.inspect.watch import arm_names
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.printing import answer, emit, note, number, progress, table, tell
+from trocar.tools.output.printing import Say, answer, emit, note, number, progress, table, tell
 from trocar.tools.replay import asking, live
 from trocar.tools.replay.fresh import run_again
 from trocar.tools.replay.shown import Showing
@@ -31,10 +32,11 @@ SPEEDS = 0.01, 100.0
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
     arms: Annotated[list[str] | None, typer.Option("--arms", metavar="ARM", help="Only this arm; repeatable.")] = None,
-    commands: Annotated[bool, typer.Option("--commands", help="Replay moves instead of setpoints.")] = False,
+    commands: Annotated[bool, typer.Option("--commands", help="Send the recorded moves, not the setpoints.")] = False,
     name: Annotated[str, typer.Option("--as", metavar="NAME", help="Show the records as a system of this name.")] = "",
     fresh: Annotated[bool, typer.Option("--fresh", help="Repeat the run in a new system and compare.")] = False,
-    into: Annotated[Path | None, typer.Option("--into", metavar="FILE.mcap", help="With --fresh: the new run.")] = None,
+    into: Annotated[Path | None, typer.Option(
+        "--into", metavar="FILE.mcap", help="With --fresh: file for the new run.")] = None,
     speed: Annotated[float, typer.Option("--speed", help="Speed factor: 0.5 takes twice as long.")] = 1.0,
     topics: TopicsOption = None,
     begin: FromOption = 0.0,
@@ -43,14 +45,16 @@ def replay(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Send recorded setpoints to homed arms of a running system: first slowly to where they began, then as they were.
+    """Send recorded setpoints to homed arms of a running system: the arms first move slowly to the start of the
+    recording, then follow it at the recorded speed.
 
-    With --commands what arms were asked for (move_jp …) is asked for again. Real robots need --real-robot. An arm that
-    faults, or Ctrl-C, ends it: the arms hold.
+    With --commands, the recorded commands (move_jp …) are sent again instead. Real robots need --real-robot. The
+    replay ends if an arm faults, or on Ctrl-C; the arms then hold.
 
-    With --as records are shown for tools (list, echo, scope, bridges), in a system that only can be looked at.
+    With --as, the records appear as a read-only system, for list, echo, scope and bridges.
 
-    With --fresh a run in simulated time is repeated from its start, bit for bit, and compared. Exit code 1: it differs.
+    With --fresh, a run in simulated time is repeated from its start in a new system, and compared with the recording
+    bit for bit. Exit code 1: they differ.
 
     Example: trocar replay monday.mcap --arms PSM1 --speed 0.5
 
@@ -61,40 +65,15 @@ def replay(
     if not SPEEDS[0] <= speed <= SPEEDS[1]:
         raise Misuse(f"--speed {speed:g}: allowed are {SPEEDS[0]:g} to {SPEEDS[1]:g}")
     if sum((fresh, bool(name), commands)) > 1:
-        raise Misuse("--fresh, --as and --commands say different things")
+        raise Misuse("cannot combine --fresh, --as and --commands")
     if fresh:
         return _fresh(file, into, as_json)
     with opened(file) as recording, progress(f"replay {file.name}") as say:
         part = stretch(recording, begin, end)
         if name:
-            with Showing(name, recording, chosen_topics(recording.record_topics, topics), part) as showing:
-                note(f"shown as system {name}: trocar list --system {name}; Ctrl-C ends it")
-                try:
-                    shown = showing.play(speed, say)
-                except KeyboardInterrupt:
-                    return 0
-            answer({"system": name, "records": shown}, f"{shown} records shown", as_json)
-            return 0
-        return _live(recording, chosen_system(system), arms, part, speed, commands, real, as_json, say)
-
-
-def _live(recording: RecordingReader, system: str, wanted: Sequence[str] | None, part: Stretch, speed: float,
-          commands: bool, real: bool, as_json: bool, say: Any) -> int:
-    motions, left_out = live.motions_of(recording, arm_names(system, wanted), part)
-    if left_out and (wanted or not motions):
-        raise Problem("; ".join(left_out.values()))
-    if left_out:
-        note(f"left out, because not recorded or not homed: {', '.join(left_out)}")
-    if not motions:
-        raise Problem(f"{recording.path.name} has no arm of system {system}")
-    live.refuse_real(system, [motion.arm for motion in motions], real)
-    if commands:
-        moves = asking.moves_of(recording, motions)
-        for text in moves.left_out:
-            note(text)
-        rows = asking.send_again(system, moves, motions, speed, say)
-    else:
-        rows = live.stream(system, motions, speed, say)
+            return _shown(name, recording, chosen_topics(recording.record_topics, topics), part, speed, say, as_json)
+        options = LiveOptions(chosen_system(system), arms, speed, commands, real)
+        rows = options.run(recording, part, say)
     for row in rows:
         if as_json:
             emit(row)
@@ -107,6 +86,46 @@ def _live(recording: RecordingReader, system: str, wanted: Sequence[str] | None,
     if refused:
         raise Problem("; ".join(refused))
     return 0
+
+
+def _shown(name: str, recording: RecordingReader, topics: Sequence[str], part: Stretch, speed: float, say: Say,
+           as_json: bool) -> int:
+    with Showing(name, recording, topics, part) as showing:
+        note(f"shown as system {name}: trocar list --system {name}; Ctrl-C ends it")
+        try:
+            shown = showing.play(speed, say)
+        except KeyboardInterrupt:
+            return 0
+    answer({"system": name, "records": shown}, f"{shown} records shown", as_json)
+    return 0
+
+
+@dataclass(frozen=True, slots=True)
+class LiveOptions:
+    """A replay in a running system: its arms (None: all), speed, moves instead of setpoints, real robots allowed."""
+
+    system: str
+    arms: Sequence[str] | None
+    speed: float
+    commands: bool
+    real: bool
+
+    def run(self, recording: RecordingReader, part: Stretch, say: Say) -> list[dict[str, Any]]:
+        """The results, a row for each arm or command; Problem if the recording has no arm of the system."""
+        motions, left_out = live.motions_of(recording, arm_names(self.system, self.arms), part)
+        if left_out and (self.arms or not motions):
+            raise Problem("; ".join(left_out.values()))
+        if left_out:
+            note(f"left out, because not recorded or not homed: {', '.join(left_out)}")
+        if not motions:
+            raise Problem(f"{recording.path.name} has no arm of system {self.system}")
+        live.refuse_real(self.system, [motion.arm for motion in motions], self.real)
+        if not self.commands:
+            return live.stream(self.system, motions, self.speed, say)
+        moves = asking.moves_of(recording, motions)
+        for text in moves.left_out:
+            note(text)
+        return asking.send_again(self.system, moves, motions, self.speed, say)
 
 
 def _show_tracking(row: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -24,18 +25,24 @@ def report(
 ) -> int:
     """Pack logs, recordings, configuration, versions and what `doctor` says into one archive, for a bug report.
 
-    Also after the system went down (then with --system). What its rings hold now is in it, too. Tokens are left out;
-    CONTENTS.txt in the archive lists what is in it: look through it before you pass it on.
+    Works after the system has stopped, too; then give --system. The archive also contains what is now in the system's
+    shared memory. Tokens are left out; CONTENTS.txt in the archive lists its files: check it before you pass it on.
 
     Example: trocar report
     """
     from trocar.tools.systems import report_file as reporting
 
     name = reporting.system_meant(system)
-    file = file or Path(f"trocar-report-{name}-{datetime.now():%Y%m%d-%H%M%S}.tar.gz")
+    return pack(name, file or Path(f"trocar-report-{name}-{datetime.now():%Y%m%d-%H%M%S}.tar.gz"), recordings, as_json)
+
+
+def pack(name: str, file: Path, recordings: float, as_json: bool, also: Sequence[Path] = ()) -> int:
+    """Pack a system, `also` further files of text, and show what was packed; `recordings`: MB."""
+    from trocar.tools.systems import report_file as reporting
+
     try:
         with progress(f"packing {name}") as say:
-            found = reporting.report(name, file, round(recordings * 1e6), say)
+            found = reporting.report(name, file, round(recordings * 1e6), say, also)
         size = file.stat().st_size
     except FileExistsError:
         raise Problem(f"{file}: is there already; give another name") from None

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from trocar.procs.machine.extras import missing_in
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, number, progress, table, tell
 from trocar.tools.verbs.options import JsonOption, SystemOption
@@ -39,29 +40,22 @@ def rollout(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Run episodes and print the results. The same seed gives the same hash on every machine.
+    """Run episodes and print the results. Each has a hash of its observations and rewards: the same seed gives the same
+    hash on every machine.
 
     Each actor has an environment of its own and runs whole episodes. A cluster needs `ray start` on each machine, and
     Trocar with the policy's file at the same place. With `--option backend=attached` it moves the arms of a running
     system (`--system`), which a person has homed, and hashes differ: docs/simulation.md.
 
-    Example: trocar rl rollout trocar/PsmReach-v0 --episodes 5
+    Example: trocar rl rollout trocar/PsmReach-v0 --episodes 1
     """
     task, seeds = _task(environment, policy, options or (), save is not None), range(seed, seed + episodes)
     if address and not actors:
-        raise Misuse("--address: also say how many --actors")
+        raise Misuse("--address needs --actors")
     if task.options.get("backend") == "attached":
-        if actors:
-            raise Misuse("--actors: a running system has one robot; leave them out with backend=attached")
-        from trocar.procs.rl.attached import RunningSystem
-
-        task = dataclasses.replace(task, options={**task.options, "backend": RunningSystem(system or "")})
+        task = _attached(task, actors, system)
     if save is not None:
-        with _written(save):
-            try:
-                save.mkdir(parents=True)
-            except FileExistsError:
-                raise Misuse(f"{save} is there already; --save names a new folder") from None
+        _make(save)
     from time import perf_counter
 
     from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
@@ -94,12 +88,29 @@ def _task(environment: str, policy: str, options: Sequence[str], keeps: bool) ->
     for text in options:
         key, given, value = text.partition("=")
         if not given or not key.isidentifier():
-            raise Misuse(f"--option {text}: allowed is KEY=VALUE")
+            raise Misuse(f"--option {text}: expected KEY=VALUE")
         try:
             values[key] = json.loads(value)
         except ValueError:
             values[key] = value
     return RolloutTask(environment, values, policy, keeps)
+
+
+def _attached(task: RolloutTask, actors: int, system: str | None) -> RolloutTask:
+    """The task with the arms of a running system."""
+    if actors:
+        raise Misuse("--actors: a running system has one robot; leave them out with backend=attached")
+    from trocar.procs.rl.attached import RunningSystem
+
+    return dataclasses.replace(task, options={**task.options, "backend": RunningSystem(system or "")})
+
+
+def _make(folder: Path) -> None:
+    with _written(folder):
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            raise Misuse(f"{folder} is there already; --save names a new folder") from None
 
 
 def _run(task: RolloutTask, seeds: Sequence[int], actors: int, address: str) -> Iterator[Episode]:
@@ -116,9 +127,9 @@ def _problems() -> Iterator[None]:
     except ModuleNotFoundError as error:
         if error.name is None:  # in Gymnasium's words: MODULE:NAME of an environment
             raise Misuse(str(error)) from error
-        if error.name != "gymnasium":
-            raise
-        raise Problem("gymnasium is not installed: pip install 'trocar[rl]'") from None
+        if sentence := missing_in(error):
+            raise Problem(sentence) from None
+        raise
     except Exception as error:
         from gymnasium.error import Error
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from shutil import get_terminal_size
 from typing import Annotated
 
@@ -23,7 +24,7 @@ from trocar.tools.systems.find import chosen_system, is_simulated
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
 MAX_S = 60.0
-LAST_S, BEFORE_S, AFTER_S = 1.0, 0.5, 0.5
+BEFORE_S = AFTER_S = 0.5
 MIN_WIDTH, MAX_WIDTH = 40, 160
 
 
@@ -31,14 +32,14 @@ def scope(
     fields: Annotated[list[str], typer.Argument(metavar="FIELD…", help="E.g. PSM1/measured_js.velocity[0] or [0:3].")],
     when: Annotated[str, typer.Option("--when", metavar="CONDITION", help="Trigger; default: capture now.")] = "",
     before: Annotated[float | None, typer.Option(
-        "--before", min=0.0, max=MAX_S, help="Seconds before the event (0.5); without --when, the last seconds (1).")
+        "--before", min=0.0, max=MAX_S, help="Seconds before the trigger, or, without --when, before now (0.5).")
         ] = None,
     after: Annotated[float | None, typer.Option(
-        "--after", min=0.0, max=MAX_S, help="Seconds after the event (0.5).")] = None,
+        "--after", min=0.0, max=MAX_S, help="Seconds after the trigger (0.5).")] = None,
     timeout: Annotated[float | None, typer.Option(
-        "--timeout", min=0.0, help="Exit code 1 if it does not happen within this many seconds of real time.")] = None,
+        "--timeout", min=0.0, help="Seconds of real time to wait for the trigger; then exit code 1.")] = None,
     past: Annotated[bool, typer.Option(
-        "--past", help="Show its last occurrence in the rings; after a crash, always.")] = False,
+        "--past", help="Show the last time the condition was met, from memory; do not wait for the next.")] = False,
     csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="Every record as CSV; -: standard output.")] = "",
     png: Annotated[str, typer.Option("--png", metavar="FILE", help="A PNG plot; needs matplotlib.")] = "",
     height: Annotated[int, typer.Option("--height", min=3, max=40, help="Lines per plot on the terminal.")] = 6,
@@ -48,46 +49,82 @@ def scope(
     end: ToOption = None,
     system: SystemOption = None,
 ) -> int:
-    """Show fields at full rate around a moment, like an oscilloscope: from the rings, every record once.
+    """Show fields at full rate around a moment, like an oscilloscope.
 
-    A condition: FIELD > 0.5 (>= < <= == !=, also == FAULT or another word), abs(FIELD) > 0.5, event [NAME] [severity,
-    code or "part of the text"], fault [NAME]; with and, or, not and brackets. Of several numbers: any of them. Without
-    --when it takes the last second at once. Rings keep 3 s; more is kept from now on. A dead system's rings can be
-    looked at, too, and recordings. What is computed on demand is wanted while this runs. Exit code 1: it did not
-    happen.
+    A condition is one of: FIELD OP VALUE (OP: > >= < <= == !=, VALUE: a number or a word such as FAULT), abs(FIELD) OP
+    VALUE, event [NAME] [WHAT], fault [NAME]. WHAT is a severity, a code, or a part of the event's text in quotes.
+    Combine conditions with `and`, `or`, `not` and brackets. If FIELD has several elements, the condition is met when
+    any one of them meets it. Without --when, the last half second is shown at once.
 
-    Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 2
+    Shared memory holds the last 1.9 s, 0.7 s in a system without boards; a longer --before is possible only for data
+    written after this command has started. This command also reads recordings, and the memory of a system that has
+    crashed (there, --past is implied). Fields that are computed only on request are requested while this runs; they
+    have no values from before. Exit code 1: the condition was not met.
+
+    Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 1
 
     Example: trocar scope 'PSM1/measured_js.position[0]' --when 'event PSM1' --past --csv -
     """
-    if csv == "-" and as_json:
-        raise Misuse("--csv - and --json say different things: both are for the output")
-    if not when and (past or after is not None or timeout is not None):
-        raise Misuse("--past, --after and --timeout belong to --when")
+    options = ScopeOptions(when, before, after, timeout, past, csv, png, as_json, height)
+    options.check()
     if recording is None and (begin or end is not None):
-        raise Misuse("--from and --to belong to --recording")
+        raise Misuse("--from and --to need --recording")
     try:
         paths = [parse_path(text) for text in fields]
         condition = parse_condition(when) if when else None
     except (BadPath, BadCondition) as error:
         raise Misuse(str(error)) from None
-    before_s = before if before is not None else LAST_S if condition is None else BEFORE_S
-    after_s = 0.0 if condition is None else AFTER_S if after is None else after
-    part = LookedAt(begin, end)
-    with (system_or_recording(chosen_system, system, recording, _needed_by(paths), part) as name,
+    with (system_or_recording(chosen_system, system, recording, _needed_by(paths), LookedAt(begin, end)) as name,
           Capturing(name, paths, condition) as capturing):
-        if condition is None:
-            found: Capture | None = capturing.last(before_s)
-        elif past or not capturing.is_up:
-            found = capturing.past(before_s, after_s)
-        else:
-            found = _waited(capturing, when, before_s, after_s, timeout)
+        found = _captured(capturing, options)
         if found is None:
-            where = f"in what {recording or 'the rings'} kept" if timeout is None else f"within {timeout:g} s"
+            where = f"in {recording or 'the data in memory'}" if timeout is None else f"within {timeout:g} s"
             note(f"{when}: did not happen {where}")
             return 1
-        _show(name, found, when, (before_s, after_s), csv, png, as_json, height)
+        _show(name, found, options)
     return 0
+
+
+@dataclass(frozen=True, slots=True)
+class ScopeOptions:
+    """The moment, the time around it, and how it is shown; see the help of the verb."""
+
+    when: str
+    before: float | None
+    after: float | None
+    timeout: float | None
+    past: bool
+    csv: str
+    png: str
+    as_json: bool
+    height: int
+
+    def check(self) -> None:
+        """Misuse for options that exclude or need each other."""
+        if self.csv == "-" and self.as_json:
+            raise Misuse("cannot combine --csv - and --json: both write to standard output")
+        if not self.when and (self.past or self.after is not None or self.timeout is not None):
+            raise Misuse("--past, --after and --timeout need --when")
+
+    @property
+    def window_s(self) -> tuple[float, float]:
+        """Seconds before and after the moment."""
+        after_s = AFTER_S if self.after is None else self.after
+        return BEFORE_S if self.before is None else self.before, after_s if self.when else 0.0
+
+
+def _captured(capturing: Capturing, options: ScopeOptions) -> Capture | None:
+    """The moment; None: it did not happen."""
+    if not options.when:
+        return capturing.last(options.window_s[0])
+    if options.past or not capturing.is_up:
+        return capturing.past(*options.window_s)
+    try:
+        with progress(f"waiting for {options.when}") as say:
+            say(f"waiting for {options.when}; Ctrl-C ends it", None)
+            return capturing.wait(*options.window_s, options.timeout)
+    except KeyboardInterrupt:
+        raise Problem(f"{options.when}: did not happen before Ctrl-C") from None
 
 
 def _needed_by(paths: Sequence[FieldPath]) -> Callable[[RecordedTopic], bool]:
@@ -96,35 +133,23 @@ def _needed_by(paths: Sequence[FieldPath]) -> Callable[[RecordedTopic], bool]:
     return lambda topic: topic.ring == "events" or topic.instance in named
 
 
-def _waited(capturing: Capturing, when: str, before_s: float, after_s: float, timeout: float | None) -> Capture | None:
-    try:
-        with progress(f"waiting for {when}") as say:
-            say(f"waiting for {when}; Ctrl-C ends it", None)
-            return capturing.wait(before_s, after_s, timeout)
-    except KeyboardInterrupt:
-        raise Problem(f"{when}: did not happen before Ctrl-C") from None
-
-
-def _show(system: str, found: Capture, when: str, window_s: tuple[float, float], csv: str, png: str, as_json: bool,
-          height: int) -> None:
+def _show(system: str, found: Capture, options: ScopeOptions) -> None:
     from trocar.tools.scope import output
 
-    title = _title(system, found, when)
-    if csv:
-        output.write_csv(found, csv)
-    if png:
-        output.write_png(found, png, title)
-    if as_json:
-        emit(output.as_json(found, when, *window_s))
-    if csv or png or as_json:
+    title, window_s = _title(system, found, options.when), options.window_s
+    if options.csv:
+        output.write_csv(found, options.csv)
+    if options.png:
+        output.write_png(found, options.png, title)
+    if options.as_json:
+        emit(output.as_json(found, options.when, *window_s))
+    if options.csv or options.png or options.as_json:
         for line in output.remarks(found):
             note(line)
         return
     width = min(MAX_WIDTH, max(MIN_WIDTH, get_terminal_size().columns)) if sys.stdout.isatty() else 80
-    tell(title)
-    for line in output.text_lines(found, -window_s[0], window_s[1], width, height):
-        tell(line)
-    for line in output.remarks(found):
+    for line in (title, *output.text_lines(found, -window_s[0], window_s[1], width, options.height),
+                 *output.remarks(found)):
         tell(line)
 
 

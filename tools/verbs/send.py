@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import typer
 
-from trocar.shm.mailbox.command_row import MOTION, of_type, row_of
-from trocar.shm.memory.segment import names_of
+from trocar.shm.mailbox.command_row import MOTION, CommandRow, of_type, row_of
+from trocar.shm.mailbox.messages import Reply
+from trocar.shm.memory.parts import parts_of
 from trocar.tools.client.remote import Remote
 from trocar.tools.inspect.watch import arm_type, document_of
 from trocar.tools.output.errors import Misuse, Problem, only_waiting
@@ -15,73 +16,68 @@ from trocar.tools.output.printing import emit, table, tell
 from trocar.tools.systems.find import chosen_system, unknown
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
-# What commands to emulated boards were called a version ago; not listed, to be removed with the next version.
-FORMER: Final = {
-    "push": "apply_effort", "place": "set_position", "hand": "pull_tip", "hand_release": "release_tip",
-    "miss_block": "drop_block", "mislabel_replies": "corrupt_tl", "no_mishaps": "clear_packet_faults",
-}
-
 
 def send(
-    component: Annotated[str, typer.Argument(metavar="COMPONENT", help="Instance: PSM1, IO1, boards, supervisor…")],
+    component: Annotated[str, typer.Argument(
+        metavar="COMPONENT", help="Name of a process: PSM1, IO1, boards, supervisor…")],
     command: Annotated[str, typer.Argument(metavar="[COMMAND]", help="Command; default: list all commands.")] = "",
     arguments: Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", help="Numbers and text.")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Wait for completion.")] = False,
-    timeout: Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds to wait for an answer.")] = 0.0,
+    timeout: Annotated[float | None, typer.Option(
+        "--timeout", min=0.0, help="Seconds to wait for an answer; default: 2, with --wait 60.")] = None,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
     """Send a command and print the reply. Numbers are in rad, m, s and N; some commands also take text.
 
-    Without a command: list the commands of the component. An effort or a wrench that is sent once lasts 0.1 s
-    (arm.effort_timeout_s); zeros last.
+    Without a command: list the commands of the component. An effort or a wrench that is sent once ends after 0.1 s
+    (arm.effort_timeout_s); an effort of zero stays in effect.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """
     name = chosen_system(system)
-    owners = [instance for _, instance, what in names_of(name) if what == "mailbox"]
+    owners = [instance for _, instance, what in parts_of(name) if what == "mailbox"]
     if component not in owners:
         raise unknown("component", component, owners)
     with Remote(name, component) as remote:
         if not command:
             return _listed(component, of_type(remote.commands, arm_type(name, component)), as_json)
-        known = {str(row["name"]): row for row in remote.commands}
-        if component == "boards":
-            command, arguments = renamed(command, arguments or [])
-        if command not in known:
-            there = of_type(remote.commands, arm_type(name, component))
-            raise unknown("command", command, [str(row["name"]) for row in there], component)
-        values, text = parsed(known[command], arguments or [])
-        if known[command].get("text") and not text and "" not in (arguments or []) and _is_users(name, component):
-            raise Misuse(f"{command} takes {_takes(known[command])}; no text was given ('': an empty one)")
-        limit = timeout or (60.0 if wait else 2.0)
-        row = row_of(known[command])
+        row, values, text = _checked(name, remote, command, arguments or [])
         stops = f"trocar send {component} hold" if row.move else "trocar power-off"
         with only_waiting(stops if row.effect_for(text, values) >= MOTION else ""):
             ask = remote.settled if wait else remote.answered
-            reply = ask(command, values, text, limit)
-    good = reply.outcome in ("accepted", "done")
+            reply = ask(command, values, text, timeout or (60.0 if wait else 2.0))
     if as_json:
         emit({"component": component, "command": command, "outcome": reply.outcome, "text": reply.text})
-    elif good:
-        colon = ", " if row.move or row.stream else ": "  # done, clipped: insertion 5.000 → 0.240 m
-        tell(reply.outcome + (f"{colon}{reply.text}" if reply.text else ""))
     else:
-        reason = reply.text.removeprefix(f"{command}: ") or "no reason given"
-        raise Problem(f"{component} {command} {reply.outcome}: {reason}")
-    return 0 if good else 1
+        _tell(component, row, reply)
+    return 0 if reply.outcome in ("accepted", "done") else 1
+
+
+def _tell(component: str, row: CommandRow, reply: Reply) -> None:
+    """Print the reply; Problem if the command was refused or failed."""
+    if reply.outcome not in ("accepted", "done"):
+        reason = reply.text.removeprefix(f"{row.name}: ") or "no reason given"
+        raise Problem(f"{component} {row.name} {reply.outcome}: {reason}")
+    colon = ", " if row.move or row.stream else ": "  # done, clipped: insertion 5.000 → 0.240 m
+    tell(reply.outcome + (f"{colon}{reply.text}" if reply.text else ""))
+
+
+def _checked(system: str, remote: Remote, command: str, words: list[str]) -> tuple[CommandRow, list[float], str]:
+    """The row of a command, and its numbers and text; Misuse if the component has no such command, or takes others."""
+    component, known = remote.instance, {str(row["name"]): row for row in remote.commands}
+    if command not in known:
+        there = of_type(remote.commands, arm_type(system, component))
+        raise unknown("command", command, [str(row["name"]) for row in there], component)
+    values, text = parsed(known[command], words)
+    if known[command].get("text") and not text and "" not in words and _is_users(system, component):
+        raise Misuse(f"{command} takes {_takes(known[command])}; no text was given ('': an empty one)")
+    return row_of(known[command]), values, text
 
 
 def _is_users(system: str, component: str) -> bool:
     """Whether a component is a user's process, whose methods take every declared argument."""
     return any((row.name, row.kind) == (component, "user") for row in document_of(system).processes)
-
-
-def renamed(command: str, words: list[str]) -> tuple[str, list[str]]:
-    """A command to boards and its words, by today's names."""
-    if command == "board_gone" and len(words) > 1 and words[1] in ("0", "1"):
-        return ("unplug_board" if words[1] == "1" else "plug_board"), [words[0], *words[2:]]
-    return FORMER.get(command, command), words
 
 
 def _listed(component: str, rows: list[dict[str, Any]], as_json: bool) -> int:

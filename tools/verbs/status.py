@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 
+from trocar.procs.document.process import shortage_of
 from trocar.procs.document.recorder import NAME as RECORDER
 from trocar.procs.node.realtime import lacking, refused
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.time.system_time import WALL, SystemTime
 from trocar.tools.inspect import standing
-from trocar.tools.inspect.processes import COLUMNS, RIGHT, cells, remarks, statuses
+from trocar.tools.inspect.processes import COLUMNS, RIGHT, ProcessStatus, cells, remarks, statuses
 from trocar.tools.inspect.replayed import clock_in_words, recorded_clock
 from trocar.tools.inspect.standing import first_thing, in_a_line, standings
 from trocar.tools.output.printing import emit, plain, table, tell
 from trocar.tools.systems.find import chosen_system
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
+RIGHTS = "{}; trocar doctor names the remedy"
+
 
 def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     """Show every process, arm, teleoperation and console, and what to do first.
 
-    Processes are shown with rates, missed deadlines, restarts and the reason of the last exit; arms with their state,
-    whether they are homed, and why they are in FAULT or what they wait for. The last line is "all well" or the first
+    Each process is shown with its rate, missed deadlines, restarts and the reason of its last exit; each arm with its
+    state, whether it is homed, and why it is in FAULT or what it waits for. The last line is "all well" or the first
     thing to do. Exit code 1: a process has a problem, or something is in FAULT.
 
     Example: trocar status --json
@@ -33,28 +36,42 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     processes = statuses(name)
     found = standings(name, processes)
     first = first_thing(processes, found)
-    recorded = _fault_recording(name, [one.since_ns for one in found]) if any(one.is_fault for one in found) else ""
+    is_fault = any(one.is_fault for one in found)
+    recorded = _fault_recording(name, [one.since_ns for one in found]) if is_fault else ""
     with SystemTime(name) as time:
         clock, speed, reported = recorded_clock(name) or time.clock, time.speed, clock_in_words(name, time)
+    shortage = _shortage(name)
     policies = {process.name: process.scheduling for process in processes} if clock == WALL else {}
     if as_json:
         emit({"system": name, "clock": clock, "speed": speed,
               "processes": [dataclasses.asdict(process) for process in processes],
               "standings": [dataclasses.asdict(one) for one in found], "rights": lacking(policies), "first": first,
-              "recorded": recorded})
+              "recorded": recorded, "shortage": shortage})
     else:
-        table(f"system {name}, clock {reported}", COLUMNS, [cells(process) for process in processes], RIGHT)
-        for process in processes:
-            if remarks(process):
-                tell(f" {process.name}: {remarks(process)}")
-        for text in refused(policies):
-            tell(f"{text}; trocar doctor names the remedy")
-        table("", standing.COLUMNS, [standing.cells(one) for one in found])
+        notes = [*map(RIGHTS.format, refused(policies)), *([shortage] if shortage else [])]
+        _print(f"system {name}, clock {reported}", processes, found, notes)
         if recorded:
             tell(f"a recording of the time before it: {recorded}")
         tell(in_a_line(processes, found))
-    is_unwell = any(process.problem or process.begins_again for process in processes)
-    return 1 if is_unwell or any(one.is_fault for one in found) else 0
+    return int(is_fault or any(process.problem or process.begins_again for process in processes))
+
+
+def _print(title: str, processes: Sequence[ProcessStatus], found: Sequence[standing.Standing],
+           notes: Sequence[str]) -> None:
+    table(title, COLUMNS, [cells(process) for process in processes], RIGHT)
+    said = [f"{process.name}: {text}" for process in processes if (text := remarks(process))]
+    for text in (*said, *notes):
+        tell(text)
+    if said or notes:
+        tell("")
+    table("", standing.COLUMNS, [standing.cells(one) for one in found])
+
+
+def _shortage(system: str) -> str:
+    """Why the rings keep less than usual; empty: they do not, or it is unknown."""
+    with suppress(SegmentError, ValueError):
+        return shortage_of(directory.document(system))
+    return ""
 
 
 def _fault_recording(system: str, faults_ns: Iterable[int]) -> str:

@@ -38,7 +38,7 @@ def stream(
 ) -> int:
     """Move to the file's first row, then follow its rows at a steady rate; prints the tracking error of each joint.
 
-    Held up for more than 0.1 s, it ends: the arm holds.
+    If it is delayed for more than 0.1 s, it ends, and the arm holds.
 
     Example: trocar stream PSM1 recorded.csv --rate 200 --for 10
     """
@@ -75,7 +75,7 @@ def _fitted(
 ) -> tuple[Setpoints, ClippedRows | None, list[str]]:
     """Rows with the jaw brought into the instrument's range, and what a person should know about it."""
     if rows.jaw is None:
-        return rows, None, [f"{arm}: the file moves no jaw"] if has_jaw else []
+        return rows, None, [f"{arm}: the file has no jaw column; the jaw does not move"] if has_jaw else []
     if not has_jaw:
         return Setpoints(rows.position, rows.velocity, None), None, [f"{arm} has no jaw: the last column is left out"]
     if tool is None:

@@ -10,8 +10,9 @@ from typing import Annotated
 import typer
 
 from trocar.procs.machine.end_signals import ctrl_c_waits
+from trocar.procs.machine.logind import at_logout
 from trocar.procs.machine.paths import PROJECT_CONFIGS
-from trocar.procs.machine.verb_lines import DEFAULT_SYSTEM, verb_line
+from trocar.procs.machine.verb_lines import default_system, verb_line
 from trocar.tools.output.errors import Misuse
 from trocar.tools.output.printing import emit, note, progress, tell
 from trocar.tools.systems.dumping import keep_left_over
@@ -19,33 +20,34 @@ from trocar.tools.systems.find import environment, system_file
 from trocar.tools.systems.supervising import Background, StartRequest, refuse_shortage, refuse_taken
 from trocar.tools.systems.web_address import web_addresses
 from trocar.tools.verbs.logs import tail
-from trocar.tools.verbs.options import ClockOption, JsonOption, SetOption, clock_set
+from trocar.tools.verbs.options import ClockOption, JsonOption, PathOption, SetOption, clock_set
 
 DEMO = PROJECT_CONFIGS / "systems" / "demo.yaml"
 NOTES = 30
 
 
 def up(
-    file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="System file; default: the demo's.")] = None,
+    file: Annotated[Path | None, typer.Argument(
+        metavar="[SYSTEM]", help="System file; default: configs/systems/demo.yaml.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="`emulated`: no hardware, boards are emulated.")] = "",
-    path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
+    path: PathOption = None,
     calibration: Annotated[bool, typer.Option(
         "--calibration-mode", "-C", help="For calibrating: no potentiometer checks.")] = False,
     clock: ClockOption = "",
     seconds: Annotated[float | None, typer.Option(
-        "--for", min=0.0, help="Stop after this many seconds of real time, on every clock.")] = None,
+        "--for", min=0.0, help="Stop after this many seconds of real time, whichever --clock is used.")] = None,
     sets: SetOption = None,
-    detach: Annotated[bool, typer.Option("--detach", help="Return when the system is up; it runs on.")] = False,
+    detach: Annotated[bool, typer.Option("--detach", help="Return when the system is up; it keeps running.")] = False,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option(
-        "--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = DEFAULT_SYSTEM,
+        "--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Name for the system.")] = default_system(),
 ) -> int:
     """Start a system; it powers and moves nothing by itself. Ctrl-C or `trocar down` stops it.
 
     Example: trocar up configs/systems/demo.yaml --boards emulated --detach
     """
     if boards not in ("", "emulated"):
-        raise Misuse(f"--boards {boards}: allowed is emulated")
+        raise Misuse(f"--boards {boards}; allowed: emulated")
     if file is None:
         file, boards = DEMO, boards or "emulated"
     values = (*(sets or ()), *clock_set(clock), *(["calibration_mode=true"] if calibration else []))
@@ -66,6 +68,8 @@ def up(
             background.stop(say)
             raise
     note(tail(background.log, NOTES))
+    if any(warning := at_logout(os.getuid())):
+        note(": ".join(warning))
     links = web_addresses(system)
     if as_json:
         emit({"system": system, "pid": background.popen.pid, "log": str(background.log), "web_console": links})

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from trocar.procs.arm.commands import ArmCommandRow, Ready, Table
+from trocar.procs.arm.arm_commands import ArmCommandRow, Ready, Table
 from trocar.procs.arm.control import REPORT_NS, Control
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.kinematics.inverse.master import Master

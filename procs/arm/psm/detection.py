@@ -26,7 +26,7 @@ class Detection:
     def __init__(self, control: Control, reading: Callable[[], ToolReading]) -> None:
         arm = control.arm
         self._control, self._reading = control, reading
-        self._fixed = arm.tool_detection == "FIXED"
+        self._is_fixed, self._fixed = arm.tool_detection == "FIXED", arm.tool
         self._reads = arm.tool_detection == "AUTOMATIC" and bool(arm.instrument_reader)
         self.tool: Tool | None = None
         self.joints: JointSpace | None = None
@@ -34,7 +34,7 @@ class Detection:
         self.asks = False
         """The operator is asked for the type."""
         self._asked_ns = self._due_ns = self._heard_ns = self._order = 0
-        if self._fixed and arm.tool is not None:
+        if self._is_fixed and arm.tool is not None:
             self.take(arm.tool)
 
     def forget(self) -> None:
@@ -46,7 +46,7 @@ class Detection:
     def take(self, tool: Tool) -> None:
         """Set the instrument; ValueError if the arm cannot be driven with it."""
         self.joints = joints(self._control.arm, tool)
-        self.tool = tool
+        self.tool = self._fixed = tool
         self.asks = False
 
     def named(self, name: str) -> None:
@@ -66,14 +66,17 @@ class Detection:
         self._name(found.entry)
 
     def _name(self, tool: Tool) -> None:
+        control = self._control
         self.take(tool)
-        self._control.reports.emit("tool_type", full_name(tool))
+        control.reports.emit("tool_type", full_name(tool))
+        needs = tool.needs_depth(control.arm.generation)
+        if needs and not control.arm.cannula_depth and not control.is_kinematic:
+            control.status(f"{full_name(tool)}: {needs}")
 
     def step(self) -> None:
         """Identify the attached instrument."""
-        fixed = self._control.arm.tool
-        if self._fixed and fixed is not None:
-            self._name(fixed)
+        if self._is_fixed and self._fixed is not None:
+            self._name(self._fixed)
         elif not self._reads:
             self._ask()
         else:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.arm.arm import ArmLogic
-from trocar.procs.arm.commands import ArmCommandRow, Ready
+from trocar.procs.arm.arm_commands import ArmCommandRow, Ready
 from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.control import JAW_MOVE, REPORT_NS
 from trocar.procs.arm.joints import JointSpace, joints
@@ -86,9 +86,12 @@ class PsmLogic(ArmLogic):
         })
         self._stages |= {
             ArmState.HOMED: ArrivedHomed(self),
-            ArmState.ENGAGING_ADAPTER: Engaging(self, "adapter", self._adapter_goals, self._turns_adapter,
-                                                self._adapter_caught),
-            ArmState.ENGAGING_TOOL: Engaging(self, "tool", self._tool_goals, self._turns_tool, self._carry),
+            ArmState.ENGAGING_ADAPTER: Engaging(
+                self, "adapter", self._adapter_goals,
+                lambda: self.adapter.fit is AttachmentState.NEW and not self.tool.present, self._adapter_caught),
+            ArmState.ENGAGING_TOOL: Engaging(
+                self, "tool", self._tool_goals,
+                lambda: self.tool.fit is AttachmentState.NEW and self.detection.tool is not None, self._carry),
         }
 
     def _known(self, name: str) -> Tool | None:
@@ -175,18 +178,12 @@ class PsmLogic(ArmLogic):
     def _adapter_caught(self) -> None:
         self.adapter.fit = AttachmentState.ENGAGED
 
-    def _turns_adapter(self) -> bool:
-        return self.adapter.fit is AttachmentState.NEW and not self.tool.present
-
     def _adapter_goals(self) -> list[Array]:
         goals = [self.io.setpoint.copy() for _ in ADAPTER_TURNS]
         for goal, turn in zip(goals, ADAPTER_TURNS, strict=True):
             goal[INSERTION] = 0.0
             goal[INSERTION + 1 :] = turn * ADAPTER_SWING
         return goals
-
-    def _turns_tool(self) -> bool:
-        return self.tool.fit is AttachmentState.NEW and self.detection.tool is not None
 
     def _tool_goals(self) -> list[Array]:
         """Bare discs (7,) for engage positions of an instrument's joints; a snake's bend in pairs."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.arm.motion import EFFORT, Mode, Space
 from trocar.procs.arm.stages.stage import Stage
 from trocar.procs.arm.states import ArmEvent
 from trocar.procs.tables.arm_types import ARM_TYPES
@@ -27,10 +27,10 @@ class Homed(Stage):
         io_requests.brakes.want(True)
 
     def run(self) -> None:
-        control = self.control
-        control.io_requests.want_no_fault(bool(control.io.fault.item()) and not control.io.problem)  # our timeout
-        control.io_requests.tracking.want(self.arm.checks_tracking and control.motion.mode is not Mode.EFFORT)
-        limited = control.io.at_limit.tobytes()
+        control, io = self.control, self.control.io
+        control.io_requests.want_no_fault(io.is_faulty and not io.problem)  # our timeout
+        control.io_requests.tracking.want(self.arm.checks_tracking and control.motion.mode is not EFFORT)
+        limited = io.at_limit.tobytes()
         if limited != self._limited:
             self._limited = limited
             self._say_limited()

@@ -46,7 +46,7 @@ class Calibrating(Stage):
 
     @property
     def waits(self) -> str:
-        return "io to set the encoders from the potentiometers" if self._asked else ""
+        return "io has not yet set the encoders from the potentiometers" if self._asked else ""
 
     def _done(self) -> None:
         self.control.must_bias = False

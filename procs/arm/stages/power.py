@@ -6,11 +6,9 @@ from typing import Final
 
 from trocar.procs.arm.stages.stage import NEVER_NS, SWITCH_NS, Stage, let_go
 from trocar.procs.arm.states import ArmEvent
-from trocar.procs.arm.supervision import POWER_PROBLEMS
 from trocar.procs.tables import codes
 
 POWER_NS: Final = 3_100_000_000  # io gives up after 3 s, never to be raised, and reports it; else this does
-TRIES: Final = 2
 
 
 class Disabled(Stage):
@@ -40,47 +38,28 @@ class Disabled(Stage):
 
     @property
     def waits(self) -> str:
-        return "io to get ready for power-on" if self.control.machine.goes_on else ""
+        return "io to become ready for power-on" if self.control.machine.goes_on else ""
 
 
 class Powering(Stage):
-    """Power was requested; one more try if the first fails."""
+    """Power was requested, once: after a failure, only another operator's command requests it again."""
 
     def enter(self) -> None:
-        self._tries = 0
         self.control.io_requests.pid.want(False)
-        self._ask()
-
-    def run(self) -> None:
-        control, io_requests, io = self.control, self.control.io_requests, self.control.io
-        if not io_requests.power.wanted:  # between two tries
-            if io_requests.power.settled and io_requests.no_fault.settled:
-                self._ask()
-            elif self.is_late:
-                self.fail(codes.POWER_TIMEOUT, "failed to enable power")
-        elif io_requests.power.settled and io.has_power:
-            control.machine.fire(ArmEvent.POWERED)
-        elif io_requests.is_void and not (io.problem or io.power_requested.item()):  # an operator's command withdrew it
-            self.fail(codes.POWER_TIMEOUT, "failed to enable power")
-        elif self.is_late or io.problem in POWER_PROBLEMS:
-            if self._tries < TRIES and io_requests.is_authorized:
-                io_requests.power.want(False)
-                io_requests.want_no_fault(True)
-                self.within(SWITCH_NS)
-            elif io.problem:
-                control.machine.fault(control.fault_report(io.problem))
-            else:
-                self.fail(codes.POWER_TIMEOUT, "failed to enable power")
-
-    def _ask(self) -> None:
-        self._tries += 1
         self.control.io_requests.power.want(True)
         self.control.io_requests.want_no_fault(False)
         self.within(POWER_NS)
 
+    def run(self) -> None:
+        io_requests, io = self.control.io_requests, self.control.io
+        if io_requests.power.settled and io.has_power:
+            self.control.machine.fire(ArmEvent.POWERED)
+        elif self.is_late or (io_requests.is_void and not io.power_requested.item()):
+            self.fail(codes.POWER_TIMEOUT, "failed to enable power")  # or an operator's command withdrew it
+
     @property
     def waits(self) -> str:
-        return f"motor power and amplifiers (try {self._tries} of {TRIES})"
+        return "motor power and amplifiers"
 
 
 class Enabled(Stage):

@@ -11,10 +11,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
-from trocar.procs.boards.controllers.commands import WriteDecoder
+from trocar.procs.boards.controllers.block_writes import WriteDecoder
 from trocar.procs.boards.controllers.firmware import Firmware
 from trocar.procs.boards.controllers.hub import HubMemory
-from trocar.procs.boards.controllers.lines import Lines
+from trocar.procs.boards.controllers.lines import NEVER, Lines
 from trocar.procs.boards.controllers.models import models_of, width_of
 from trocar.procs.boards.devices.network import DESTINATION_ERROR
 from trocar.procs.document.system import Controller
@@ -24,7 +24,6 @@ from trocar.procs.fpga import wire
 RECEIVE_TICKS, ANSWER_TICKS = 0x00C8, 0x0D54
 REBOOT_TICKS = reg.CLOCK_HZ  # a board is absent for 1 s while its FPGA is reconfigured
 GROUP = -1  # addressed to all boards: broadcast or multicast
-NEVER = 1 << 62
 REPORT_TICKS = 1600  # Ethernet-only: about 32 µs a board until all blocks have been exchanged
 
 _Head = tuple[int, int, int, int]  # control flags, generation, first quadlet, address

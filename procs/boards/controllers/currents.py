@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from trocar.procs.boards.controllers.lines import Flags, Ints
+from trocar.procs.boards.controllers.lines import NEVER, Flags, Ints
 from trocar.procs.fpga import registers as reg
 
-NEVER = 1 << 62
 CURRENT_TRIP = 2_457_600  # 50 ms of too much current
 CURRENT_SMALL = 0x300  # below this from zero nothing is compared
 CURRENT_NEAR_FULL = 0xF6FF

@@ -16,11 +16,10 @@ from typing import Final
 
 import numpy as np
 
-from trocar.procs.boards.controllers.lines import Flags, Ints, Quads
-from trocar.procs.boards.controllers.traits import Traits
+from trocar.procs.boards.controllers.lines import NEVER, Flags, Ints, Quads
+from trocar.procs.boards.controllers.models import Traits
 from trocar.procs.fpga import registers as reg
 
-NEVER: Final = 1 << 62
 FAULT_CONVERTER, FAULT_DEVIATION, FAULT_BRIDGE = 1, 2, 4  # kept as bits, shown as codes 1, 2, 3
 DEVIATION_TOP: Final = 0xFFF  # cycles: 57 ms
 DEVIATION_LARGE, DEVIATION_SMALL = 0x200, 0x800  # of the first two motors, and of the smaller others: about 0.1 A

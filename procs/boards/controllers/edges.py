@@ -15,7 +15,6 @@ from trocar.procs.boards.controllers.lines import Ints
 from trocar.procs.fpga import registers as reg
 
 EDGES = 6  # six edges span five quarter periods
-NOW, QUEUE = EDGES, EDGES + 1  # rows of a pool: six newest edges, the present tick, the queue
 LAG = 2  # counts by which a counter is behind while the latched direction is up
 STRIDE = 16
 DIRECTION = 16  # above the four bits of an edge's type
@@ -28,19 +27,6 @@ _WAYS = 32
 _SEEN = 5
 _STATES = _WAYS * (_SEEN + 1)
 NOTHING_SEEN = (_WAYS - 1) * STRIDE  # the queue's directions are up at power-up
-
-
-def push_table(axes: int) -> Ints:
-    """Effect of n new edges on the queue, by n + 6, n from -6 to 6 (column).
-
-    Rows 0-5: source of the new queue in a pool, as the start of a flat row of `axes` entries. Row 6: n + 6.
-    """
-    table = np.zeros((EDGES + 1, 2 * EDGES + 1), dtype=np.int64)
-    for n in range(-EDGES, EDGES + 1):
-        for j in range(EDGES):
-            table[j, n + EDGES] = (j if j < abs(n) else QUEUE + j - abs(n)) * axes
-        table[EDGES, n + EDGES] = n + EDGES
-    return table
 
 
 @functools.cache

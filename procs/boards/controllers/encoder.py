@@ -23,11 +23,8 @@ from trocar.procs.boards.controllers.edges import (
     INPUTS,
     LAG,
     NOTHING_SEEN,
-    NOW,
-    QUEUE,
     RUNNING,
     flag_table,
-    push_table,
     state_table,
 )
 from trocar.procs.boards.controllers.lines import Floats, Ints, Quads
@@ -43,8 +40,11 @@ LONG_AGO = -(1 << 40)  # tick of edges that never happened: older than any count
 _NEVER = (LONG_AGO - np.arange(EDGES) * (TICKS_MAX + 1))[:, None]  # a queue without edges
 _MIN = 1e-30  # of a speed squared: an axis at rest would never reach an edge
 
-# From ⌊x⌋ to the newest edge, which is there if it went up or one above, and to each older edge; by key (column).
+# From ⌊x⌋ to the newest edge, which is there if it went up or one above, and to each older edge; by edges + 6 (column).
 _TO_EDGES = np.array([[1.0 + j if key < EDGES else -float(j) for key in range(2 * EDGES + 1)] for j in range(EDGES)])
+# Where each edge of the new queue was among the new edges and those of the old queue; by edges + 6 (column).
+_SOURCES = np.array([[j if j < abs(n) else EDGES + j - abs(n) for n in range(-EDGES, EDGES + 1)] for j in range(EDGES)])
+_PINS = 1 << np.arange(PINS_SHOWN)
 
 
 class Encoders:
@@ -72,8 +72,7 @@ class Encoders:
         self.start = 0  # tick the motion counts from
         self._span = 0  # ticks the motion is good for
         self.curve = np.zeros((3, n))
-        self._x0, self._v, self._h = self.curve
-        self.was, self._is = np.zeros(n), np.zeros(n)  # ⌊x⌋ as last observed, and now
+        self.was = np.zeros(n)  # ⌊x⌋ as last observed
         self.offset = self.preload.copy()  # counter minus ⌊x⌋
         self.turned = np.zeros(n, dtype=np.bool_)  # axes that reverse within the step
         self.hidden = np.zeros(n, dtype=np.bool_)  # those with edges that a plain look at ⌊x⌋ does not show
@@ -83,54 +82,15 @@ class Encoders:
         self._lap_was = np.zeros(n)  # ⌊x⌋ when the laps were looked at
         self._lap_due = 0  # tick before which no counter can pass its end
         self.state = np.full(n, NOTHING_SEEN, dtype=np.int64)
-        self._ticks = np.zeros((QUEUE + EDGES, n), dtype=np.int64)  # counted from the first one after `start`
-        self._fresh, self._now, self.queue = self._ticks[:EDGES], self._ticks[NOW], self._ticks[QUEUE:]
-        self.queue[...] = _NEVER
+        self.queue = np.zeros((EDGES, n), dtype=np.int64) + _NEVER  # ticks counted from the first one after `start`
         quirks = tuple(quirks) or (Quirks(),) * boards
         if len(quirks) != boards:
             raise ValueError(f"quirks of {len(quirks)} boards; there are {boards}")
         self.lag = np.repeat([LAG if q.direction_lag else 0 for q in quirks], width).astype(np.int64)
         self._kept = np.repeat([reg.ENCODER_OVERFLOW if q.sticky_overflow else 0 for q in quirks], width)
-        self._constants(n)
-        self._scratch(n)
-        self._set_out, self._advance, self._show = library.chosen(ENCODERS, self)
-
-    def _constants(self, n: int) -> None:
-        """Whole arrays instead of numbers and rows: numpy takes three times as long to stretch one side."""
-        self._push_table, self.state_table, self.flag_table = push_table(n), state_table(), flag_table()
+        self.state_table, self.flag_table = state_table(), flag_table()
         self.states = len(self.state_table)
-        self._columns = np.tile(np.arange(n, dtype=np.int64), (EDGES, 1))
-        self._least = np.full((EDGES, n), _MIN)
-        self._three, self._none, self._edges = (np.full(n, k, dtype=np.int64) for k in (3, 0, EDGES))
-        self._half = np.full(n, 0.5)
-        self._mask = np.full(n, reg.ENCODER_MASK, dtype=np.int64)
-        self._place = np.zeros(self.width, dtype=np.int64)
-        self._place[:PINS_SHOWN] = 1 << np.arange(PINS_SHOWN)
-        # period = E0 - E4 - 4, quarter 1 = E0 - E1 - 1, quarter 5 = E4 - E5 - 1, running = now - E0
-        self._pairs = np.array((0, 0, 4, NOW - QUEUE, 4, 1, 5, 0)) + QUEUE
-        self._spent = np.repeat([4, 1, 1, 0], n).reshape(4, n)
-        self._longest = np.full((4, n), TICKS_MAX, dtype=np.int64)
-        self._too_long = np.full((4, n), reg.VELOCITY_OVERFLOW | TICKS_MAX, dtype=np.int64)
-
-    def _scratch(self, n: int) -> None:
-        self._sum, self._moved = np.zeros((2, n))
-        self._rows, self._of_step = np.zeros((3, n)), np.zeros((3, EDGES, n))
-        self._bend, self._half_speed, self._first_way = self._of_step  # h, v/2, the way it sets out
-        self._key, self._count, self._phase = (np.zeros(n, dtype=np.int64) for _ in range(3))
-        self._moves = np.zeros((EDGES + 1, n), dtype=np.int64)
-        self._where, self._lifted = self._moves[:EDGES], self._moves[EDGES]
-        self._pushed = np.zeros((EDGES, n), dtype=np.int64)
-        self._square, self._distance, self._root = np.zeros((3, EDGES, n))
-        self._pair_ticks = np.zeros((8, n), dtype=np.int64)
-        self._late, self._early = self._pair_ticks[:4], self._pair_ticks[4:]
-        self._words = np.zeros((5, n), dtype=np.int64)
-        self._word, self._spans, self._running = self._words[0], self._words[1:], self._words[RUNNING]
-        self._words_by_board = self._words.reshape(5, -1, self.width).transpose(1, 0, 2)
-        self._over = np.zeros((4, n), dtype=np.bool_)
-        self._flags = np.zeros((7, n), dtype=np.int64)
-        self._word_flags, self._lags_shown = self._flags[: RUNNING + 1], self._flags[BEHIND]
-        self._input_pins = self._flags[INPUTS].reshape(-1, self.width)
-        self._inputs = np.zeros(n // self.width, dtype=np.int64)
+        self._set_out, self._advance, self._show = library.chosen(ENCODERS, self)
 
     def place(self, x: Floats) -> None:
         """Take `x` (counts) as the position at power-up: the counters start at mid-range for any arm position.
@@ -138,7 +98,7 @@ class Encoders:
         Real filters start low, so that there a high line makes an edge at power-up. This is left out: a host that
         relies on a position preloads it.
         """
-        self._x0[...] = x
+        self.curve[0] = x
         np.floor(x, out=self.was)
         self._forget(slice(None))
 
@@ -156,8 +116,7 @@ class Encoders:
 
     def _counts(self) -> Ints:
         """⌊x⌋ as whole numbers."""
-        self._count[...] = self.was
-        return self._count
+        return self.was.astype(np.int64)
 
     def follow(self, tick: int, span: int, curve: Floats) -> None:
         """Begin a new step at `tick`, valid for `span` ticks.
@@ -173,26 +132,17 @@ class Encoders:
 
     def set_out(self, shift: int, span: int) -> int:
         """On a new curve, `shift` ticks after the last one. 1: there are hidden edges behind turning points."""
-        queue, turned, speed = self.queue, self.turned, self._sum
-        self._pushed.fill(shift)
-        np.subtract(queue, self._pushed, queue)
-        np.multiply(self._h, 2.0 * span, speed)
-        np.add(speed, self._v, speed)
-        np.multiply(speed, self._v, speed)
-        np.less(speed, 0.0, turned)  # v changes sign within the step
-        np.multiply(self._v, self._half, self._rows[1])
-        np.add(self._v, self._h, self._rows[2])
-        self._rows[0] = self._h
-        self._of_step[...] = self._rows[:, None]
-        np.multiply(self._half_speed, self._half_speed, self._square)
+        self.queue -= shift
+        _, v, h = self.curve
+        self.turned[...] = (h * (2.0 * span) + v) * v < 0.0  # v changes sign within the step
         self.hidden.fill(False)
-        if 1 not in turned.tobytes():
+        if not self.turned.any():
             return 0
-        x0, v, h = self.curve[:, turned]
+        x0, v, h = self.curve[:, self.turned]
         half_speed = 0.5 * v
         peak, end = np.floor(x0 - half_speed * (half_speed / h)), np.floor((h * span + v) * span + x0)
         begin = np.floor(x0)
-        self.hidden[turned] = (peak > np.maximum(begin, end)) | (peak < np.minimum(begin, end))
+        self.hidden[self.turned] = (peak > np.maximum(begin, end)) | (peak < np.minimum(begin, end))
         return int(np.count_nonzero(self.hidden))
 
     def _hidden_turns(self) -> list[float]:
@@ -211,54 +161,30 @@ class Encoders:
 
     def advance(self, tau: float) -> int:
         """Edges up to `tau` ticks into the step."""
-        x, time = self._is, self._sum
-        time.fill(tau)
-        np.multiply(self._h, time, x)
-        np.add(x, self._v, x)
-        np.multiply(x, time, x)
-        np.add(x, self._x0, x)
-        np.floor(x, x)
-        if x.tobytes() != self.was.tobytes():
-            self._push()
+        x0, v, h = self.curve
+        now = np.floor((h * tau + v) * tau + x0)
+        if (now != self.was).any():
+            self._push(now)
         return 0
 
-    def _push(self) -> None:
-        """Put the newest edges of every axis that moved in front of its queue."""
-        key, distance, root, half_speed = self._key, self._distance, self._root, self._half_speed
-        np.subtract(self._is, self.was, self._moved)
-        key[...] = self._moved
-        np.add(key, self._edges, key)
-        self._push_table.take(key, 1, self._moves, "clip")
-        np.add(self.state, self._lifted, key)
-        self.state_table.take(key, None, self.state, "clip")
-        _TO_EDGES.take(self._lifted, 1, distance, "clip")
-        np.subtract(self._is, self._x0, self._sum)
-        np.add(distance, self._sum, distance)
+    def _push(self, now: Floats) -> None:
+        """Put the newest edges of every axis that moved, to ⌊x⌋ = `now` (n,), in front of its queue."""
+        x0, v, h = self.curve
+        moved, half_speed = now - self.was, v * 0.5
+        key = np.minimum(np.maximum(moved, -EDGES), EDGES).astype(np.int64) + EDGES
+        distance = _TO_EDGES.take(key, 1) + (now - x0)
         # h·τ² + v·τ = distance, solved as distance / (v/2 ± √(v²/4 + h·distance)): + where the axis sets out upwards
-        np.multiply(distance, self._bend, root)
-        np.add(root, self._square, root)
-        np.maximum(root, self._least, out=root)
-        np.sqrt(root, root)
-        np.copysign(root, self._first_way, root)
-        if 1 in self.turned.tobytes():
-            self._solve_after_turn(distance, root)
-        np.add(root, half_speed, root)
-        np.divide(distance, root, distance)
-        self._fresh[...] = distance
-        np.add(self._where, self._columns, self._where)
-        self._ticks.take(self._where, None, self._pushed, "clip")
-        self.queue[...] = self._pushed
-        self.was[...] = self._is
-
-    def _solve_after_turn(self, distance: Floats, root: Floats) -> None:
-        """Where the axis first ran the other way it is the other solution, (∓√… - v/2) / h: put as a fraction."""
-        after = np.flatnonzero(self.turned & (self._v * self._moved < 0.0))
-        if after.size:
-            half_speed = self._half_speed[:, after]
-            distance[:, after] = -(root[:, after] + half_speed) / self._h[after]
-            root[:, after] = 1.0 - half_speed
-        # the place itself, of an axis that has not moved
-        np.putmask(root, (root == -self._half_speed) & self.turned, 1.0)
+        root = np.copysign(np.sqrt(np.maximum(distance * h + half_speed * half_speed, _MIN)), v + h)
+        if self.turned.any():
+            # Where the axis first ran the other way it is the other solution, (∓√… - v/2) / h: put as a fraction.
+            after = np.flatnonzero(self.turned & (v * moved < 0.0))
+            distance[:, after] = -(root[:, after] + half_speed[after]) / h[after]
+            root[:, after] = 1.0 - half_speed[after]
+            root[(root == -half_speed) & self.turned] = 1.0  # the place itself, of an axis that has not moved
+        known = np.concatenate(((distance / (root + half_speed)).astype(np.int64), self.queue))
+        known.ravel().take(_SOURCES.take(key, 1) * self.slots + np.arange(self.slots), out=self.queue, mode="clip")
+        self.state_table.take(self.state + key, out=self.state, mode="clip")
+        self.was[...] = now
 
     def load(self, axes: Ints, values: Ints) -> None:
         """Preload registers of `axes` are written: the counters become `values` at once (observe first)."""
@@ -315,30 +241,14 @@ class Encoders:
 
     def show(self, now: int) -> int:
         """The words; `now` counts as the queue's ticks do."""
-        spans, running = self._spans, self._running
-        self._now.fill(now)
-        self._show_counts()
-        self._ticks.take(self._pairs, 0, self._pair_ticks, "clip")
-        np.subtract(self._late, self._early, spans)
-        np.subtract(spans, self._spent, spans)
-        np.maximum(running, self._none, out=running)
-        np.greater(spans, self._longest, self._over)
-        if 1 in self._over.tobytes():
-            np.putmask(spans, self._over, self._too_long)
-        np.bitwise_or(self._words, self._word_flags, self._words)
-        self.shown[...] = self._words_by_board
+        count, queue = self._counts(), self.queue
+        flags = self.flag_table.take(self.state + (count & 3), 1)
+        words = np.array((count + self.offset - (flags[BEHIND] & self.lag) & reg.ENCODER_MASK | self.overflow,
+                          queue[0] - queue[4] - 4, queue[0] - queue[1] - 1, queue[4] - queue[5] - 1,
+                          np.maximum(now - queue[0], 0)))
+        spans = words[1:]
+        spans[spans > TICKS_MAX] = reg.VELOCITY_OVERFLOW | TICKS_MAX
+        words |= flags[: RUNNING + 1]
+        self.shown[...] = words.reshape(5, self.boards, self.width).transpose(1, 0, 2)
+        self.pins[...] = flags[INPUTS].reshape(self.boards, self.width)[:, :PINS_SHOWN].dot(_PINS)
         return 0
-
-    def _show_counts(self) -> None:
-        """Counters, flags and pins."""
-        count, word, phase, lags = self._counts(), self._word, self._phase, self._lags_shown
-        np.bitwise_and(count, self._three, phase)
-        np.add(self.state, phase, phase)
-        self.flag_table.take(phase, 1, self._flags, "clip")
-        np.bitwise_and(lags, self.lag, lags)
-        np.add(count, self.offset, word)
-        np.subtract(word, lags, word)
-        np.bitwise_and(word, self._mask, word)
-        np.bitwise_or(word, self.overflow, word)
-        self._input_pins.dot(self._place, self._inputs)
-        self.pins[...] = self._inputs

@@ -56,8 +56,7 @@ class HubMemory:
         self._timing_mask: int = 0xFFFF if all(model.firmware > 8 for model in models) else 0x3FFF
         self._sizes = np.array([model.layout.read_quads + 1 << 24 if model.firmware > 7 else 0 for model in models],
                                dtype=np.uint32)
-        self.long = np.array([0xFF00_0000 if model.firmware == 7 else 0 for model in models],
-                             dtype=np.uint32)
+        self.long = np.array([0xFF00_0000 if model.firmware == 7 else 0 for model in models], dtype=np.uint32)
         self._has_places = all(model.firmware == 7 for model in models)
         self._places = np.zeros((BUS_BOARDS, blocks.layout_of(7).hub_quads), dtype=np.uint32)
         self.headers = np.zeros((256, self.boards), dtype=np.uint32)  # by the lower half of the sequence number

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from trocar.procs.boards.controllers.lines import Quads
+from trocar.procs.boards.controllers.lines import NEVER, Quads
 from trocar.procs.boards.controllers.quadrature import Quadrature
 from trocar.procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
-from trocar.procs.boards.devices.waveform import NEVER
 from trocar.procs.document.emulated import EmulatedSetupJoints
 from trocar.procs.document.system import Quirks
 from trocar.procs.fpga import registers as reg

@@ -14,6 +14,7 @@ Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int64]
 Quads = npt.NDArray[np.uint32]
 
+NEVER = 1 << 62  # tick of an event that is not due
 INPUTS_OPEN = 0x0FFF  # home and limit inputs are pulled up
 
 

@@ -52,12 +52,10 @@ class Motors:
         bits = np.where(np.arange(shape[1]) < _LARGE_MOTORS, *DIGITAL_BITS_PER_A)
         self._bits_per_a = np.where(traits.digital[:, None], bits, reg.CURRENT_BITS_PER_A)
         self._any_old = bool(traits.old.any())
-        self._top = np.zeros(shape, dtype=np.uint32)
-        self.last_top, self._last_mask = self._top.copy(), b""  # top bytes and written axes of the last command words
-        self._top_shift, self._dac_mask = (np.full(shape, k, dtype=np.uint32) for k in (TOP_SHIFT, reg.DAC_VALUE_MASK))
-        self.accept, self._accepts_all = np.zeros(shape, dtype=np.bool_), False
+        self.last_top = np.zeros(shape, dtype=np.uint32)  # top bytes and written axes of the last command words
+        self._last_mask = b""
+        self.accept = np.zeros(shape, dtype=np.bool_)
         self._settled, self._forgives = -1, False  # the last command words forgave faults of dRA1s
-        self._values = np.zeros(shape, dtype=np.uint32)
         power.when_cut = self._forget
 
     # -- command words -------------------------------------------------------------------------------------------------
@@ -70,7 +68,7 @@ class Motors:
         with one that is not 0.
         """
         power = self._power
-        top, busy = np.right_shift(words, self._top_shift, self._top), power.heeds(control)
+        top, busy = words >> np.uint32(TOP_SHIFT), power.heeds(control)
         mask = b"" if written is None else written.tobytes()
         if (busy or executed is not None or not self._is_settled or mask != self._last_mask
                 or top.tobytes() != self.last_top.tobytes()):
@@ -79,11 +77,7 @@ class Motors:
             if busy or executed is not None:  # counts as a change: the same enables may mean something else with power
                 self._control(control, tick, executed)
             self.last_top[...], self._last_mask = top, mask
-        np.bitwise_and(words, self._dac_mask, self._values)
-        if self._accepts_all:
-            self.command[...] = self._values
-        else:
-            np.copyto(self.command, self._values, where=self.accept)
+        np.copyto(self.command, words & reg.DAC_VALUE_MASK, where=self.accept)
         if self._knows_voltage:
             self._drive(words)
 
@@ -110,7 +104,7 @@ class Motors:
                 power.set_modes(mode, tick)
             # A disabled amplifier loses its command at once, even the command of the enabling word.
             accept &= ~traits.digital[:, None] | power.on & (mode == reg.MODE_CURRENT)
-        self.accept[...], self._accepts_all = accept, bool(accept.all())
+        self.accept[...] = accept
         if self._any_old:
             new = accept & traits.old[:, None]
             self.written |= new

@@ -13,13 +13,11 @@ import numpy as np
 
 from trocar.procs.boards.controllers.currents import Currents
 from trocar.procs.boards.controllers.digital import BRIDGES, Digital
-from trocar.procs.boards.controllers.lines import Flags, Ints, Quads
-from trocar.procs.boards.controllers.models import Model
+from trocar.procs.boards.controllers.lines import NEVER, Flags, Ints, Quads
+from trocar.procs.boards.controllers.models import Model, Traits
 from trocar.procs.boards.controllers.status import StatusWords
-from trocar.procs.boards.controllers.traits import Traits
 from trocar.procs.fpga import registers as reg
 
-NEVER = 1 << 62
 MILLISECOND = reg.CLOCK_HZ // 1000
 SUPPLY_RAMP = 20 * MILLISECOND  # motor supply good after power is switched on; 10 to 200 ms on real ones
 WAKING = np.uint32(~(reg.CONTROL_POWER_OFF | reg.CONTROL_AMPS_OFF) & 0xFFFFFFFF)  # control bits beyond switching off
@@ -34,7 +32,7 @@ DELAY_POWER_UP = reg.MOTOR_CONFIG_POWER_UP >> reg.MOTOR_CONFIG_DELAY_SHIFT & 0xF
 _DELAY_STEPS = 256  # the counter of the delay has eight bits
 
 
-def _nobody(_: Flags) -> None:
+def _none(_: Flags) -> None:
     pass
 
 
@@ -64,7 +62,7 @@ class BoardPower:
         self.mode: Quads = np.zeros((n, width), dtype=np.uint32)  # of control; set by `set_modes`
         self.delay = np.full((n, width), DELAY_POWER_UP, dtype=np.int64)  # of enables, where there is an expander
         self.digital = Digital(traits) if traits.digital.any() else None
-        self.when_cut: Callable[[Flags], None] = _nobody  # notified of dRA1 amplifiers that went off
+        self.when_cut: Callable[[Flags], None] = _none  # notified of dRA1 amplifiers that went off
         self.status: Quads = np.zeros(n, dtype=np.uint32)
         self.motor_flags: Quads = np.zeros((n, width), dtype=np.uint32)  # motor status without the last command
         self.good = np.zeros(n, dtype=np.bool_)  # motor supply

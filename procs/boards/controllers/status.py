@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trocar.procs.boards.controllers.lines import Flags, Ints
-from trocar.procs.boards.controllers.traits import Traits
+from trocar.procs.boards.controllers.models import Traits
 from trocar.procs.fpga import registers as reg
 
 if TYPE_CHECKING:
@@ -47,8 +47,7 @@ class StatusWords:
         return status
 
     def _of_qla(self, power: BoardPower) -> Ints:
-        on, requests, safety = ((flags * self._bits).sum(axis=1)
-                                for flags in (power.on, power.enabled, power.safety))
+        on, requests, safety = ((flags * self._bits).sum(axis=1) for flags in (power.on, power.enabled, power.safety))
         low = np.where(self._traits.shows_requests, requests, on)
         status: Ints = (on << reg.STATUS_AMP_ON_SHIFT | safety << reg.STATUS_SAFETY_SHIFT | low
                         | power.outputs_known * (reg.STATUS_DOUT_CONFIGURED | reg.STATUS_DOUT_BIDIRECTIONAL)

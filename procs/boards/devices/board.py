@@ -19,7 +19,7 @@ from trocar.procs.fpga import registers as reg
 
 _REGION_SHIFT, _OFFSET_MASK = 12, 0xFFF
 _MAIN, _FPGA_PROM, _QLA_PROM, _ETHERNET, _FIREWIRE, _DALLAS, _DATA, _TABLE = 0, 2, 3, 4, 5, 6, 7, 8
-GIT_DESCRIPTIONS = {8: 0, 9: 0x8533_01D0}  # of the releases; Rev 9 reports its commit, clean
+GIT_DESCRIPTIONS = {8: 0, 9: 0x8533_01D0, 10: 0}  # of the releases; Rev 9 reports its commit, clean; 10: unknown
 _CHANNEL_BITS = 0xF0  # of a QLA PROM address; a QLA does not look at them from Rev 8 on
 
 

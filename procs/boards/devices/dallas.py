@@ -14,6 +14,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
+from trocar.procs.boards.controllers.lines import NEVER
 from trocar.procs.fpga.instrument import (
     CHUNK_BYTES,
     COMPANY,
@@ -35,7 +36,6 @@ PROBING: Final = 1 << 15  # a DS2480B is there, or still looked for; Rev 8 on
 BIDIRECTIONAL: Final = 1 << 3
 RESET_OK, RESET_NO_ANSWER = 1, 3
 
-NEVER: Final = 1 << 62
 _RESET_TICKS = 30_001
 _RISE_TICKS = 74  # 1.5 µs until the pull-up has the line high: plausible
 _WAIT_TICKS = 1_476

@@ -13,7 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from trocar.procs.boards.devices.waveform import ENTRIES, LEVELS, NEVER, VALID, Waveform
+from trocar.procs.boards.controllers.lines import NEVER
+from trocar.procs.boards.devices.waveform import ENTRIES, LEVELS, VALID, Waveform
 
 PLAY: Final = 1 << 31  # written: the masked outputs play the table; read: some output does
 ENTRY_VALID: Final = 1 << 30
@@ -26,7 +27,7 @@ _MAX = 0xFFFF  # a 16-bit counter never exceeds it
 class Timer:
     """One output without the table: its level is held as long as the control register sets, then toggles.
 
-    The counter exceeds a count of n at its (n + 2)nd tick; a count of 0 stops it and holds the level indefinitely.
+    The counter exceeds a count of n at tick n + 2; a count of 0 stops it and holds the level indefinitely.
     """
 
     def __init__(self, longest_holds: bool = True) -> None:

@@ -10,10 +10,11 @@ from bisect import bisect_right
 from itertools import accumulate
 from typing import Final
 
+from trocar.procs.boards.controllers.lines import NEVER
+
 ENTRIES: Final = 1024
 VALID: Final = 1 << 31
 LEVELS: Final = 0xFF
-NEVER: Final = 1 << 62
 _LENGTH_SHIFT, _LENGTH_MASK = 8, (1 << 23) - 1
 
 

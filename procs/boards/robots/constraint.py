@@ -48,25 +48,16 @@ class Projection:
         self._unused = unused.reshape(count * most, most)
         self._of_all_robots = rows.sum(axis=0)
         self._answers = np.zeros((most, joints))  # M⁻¹Jᵀ, the rows of all robots on top of each other
-        self._error, self._square = np.zeros(count * most), np.zeros((count * most, most))
-        self._errors, self._squares = self._error.reshape(count, most, 1), self._square.reshape(count, most, most)
-        self._shares = np.zeros((joints, most))
-        self._change = np.zeros(joints)
         self._per_period = 1.0 / model.opt.timestep
         self._shape = (count, most)
 
     def apply(self) -> None:
         """After a step: positions and velocities back onto the rows. M is the one that step was made with."""
-        change, square, shares, answers = self._change, self._square, self._shares, self._answers.T
-        self._rows.dot(self._position, self._error)
-        np.subtract(self._error, self._values, self._error)
+        (count, most), answers = self._shape, self._answers.T
+        error = self._rows.dot(self._position) - self._values
         mujoco.mj_solveM(self._model, self._data, self._answers, self._of_all_robots)
-        self._rows.dot(answers, square)
-        np.add(square, self._unused, square)
-        solution = np.linalg.solve(self._squares, self._errors)
-        solution.reshape(self._shape).take(self._block_of, 0, shares, "clip")
-        np.multiply(shares, answers, shares)
-        np.add.reduce(shares, axis=1, out=change)
+        square = self._rows.dot(answers) + self._unused
+        solution = np.linalg.solve(square.reshape(count, most, most), error.reshape(count, most, 1))
+        change = np.add.reduce(solution.reshape(self._shape).take(self._block_of, 0) * answers, axis=1)
         np.subtract(self._position, change, self._position)
-        np.multiply(change, self._per_period, change)
-        np.subtract(self._velocity, change, self._velocity)
+        np.subtract(self._velocity, change * self._per_period, self._velocity)

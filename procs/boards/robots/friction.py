@@ -27,21 +27,14 @@ class Friction:
     def __init__(self, limit: Array, armature: Array, period_s: float) -> None:
         """Every joint relaxed."""
         self.limit = limit.copy()
-        self._least = -self.limit
         self.damping = DAMPING * armature / period_s
         self.gain = self.damping + STIFFNESS * armature / period_s  # damper, and the spring's growth in one period
         self.spring = np.zeros_like(limit)
-        self._force = np.zeros_like(limit)
 
     def oppose(self, velocity: Array) -> Array:
-        """Reduction of the joints' efforts by friction in the next period; the next call changes the array."""
-        force, spring = self._force, self.spring
-        np.multiply(velocity, self.gain, force)
-        np.add(force, spring, force)
-        np.minimum(force, self.limit, out=force)
-        np.maximum(force, self._least, out=force)
-        np.multiply(velocity, self.damping, spring)
-        np.subtract(force, spring, spring)
+        """Reduction of the joints' efforts by friction in the next period."""
+        force: Array = np.maximum(np.minimum(velocity * self.gain + self.spring, self.limit), -self.limit)
+        np.subtract(force, velocity * self.damping, self.spring)
         return force
 
     def relax(self, joints: NDArray[np.intp]) -> None:

@@ -29,6 +29,7 @@ from trocar.procs.boards.robots.mechanics import (
     parallelogram,
 )
 from trocar.procs.boards.robots.weight import weights_of
+from trocar.procs.boards.wiring import slices_of
 from trocar.procs.document.system import Chain, EmulationConfig, ModelVariation, Robot, SystemConfig, Tool
 from trocar.procs.kinematics.coupling import Coupling, coupling
 from trocar.procs.kinematics.poses import Array
@@ -57,14 +58,13 @@ class Plant:
         self._by_name = {arm.name: arm for arm in arms}
         self._links = {arm.name: chain for arm in arms if (chain := parallelogram(arm))} | dict(links or {})
         self._tools = {name: tool for name, tool in _instruments(system).items() if name in self._by_name}
-        self.slices = _slices(self._robots)
+        self.slices = slices_of(self._robots)
         """Positions of each robot's actuators in the arrays."""
         self._like = _model_variations(system.emulation, self._robots)
         self.axes = sum(len(robot.actuators) for robot in self._robots)
         self.position = np.zeros(self.axes)
         self.velocity = np.zeros(self.axes)
         self.pot_position = np.zeros(self.axes)  # inputs of the potentiometers: see Robot.joint_to_actuator_position
-        self._current_effort = np.zeros(self.axes)
         self._effort_per_current = _effort_per_current(self._robots)
         self._pushed = np.zeros(self.axes)  # robots' joint space
         self._supported: set[str] = set()
@@ -119,13 +119,13 @@ class Plant:
         """One period under motor currents (axes,), A; 0 where the amplifier is off."""
         if self._weights is not None:
             self._weights.step(current, self._joint_position)
-        self.step(np.multiply(current, self._effort_per_current, self._current_effort))
+        self.step(current * self._effort_per_current)
 
     def _through_play(self, play: Play, effort: Array) -> Array:
-        np.copyto(self._transmitted, effort)
+        transmitted = effort.copy()
         self._to_actuator.dot(self._joint_velocity, self.velocity)
-        play.transmit(self._transmitted, self.velocity)
-        return self._transmitted
+        play.transmit(transmitted, self.velocity)
+        return transmitted
 
     def _read(self) -> None:
         """Actuators and potentiometers from the joints."""
@@ -157,10 +157,11 @@ class Plant:
         """Carry a robot's weight by hand in any position, or let it act again."""
         (self._supported.add if supported else self._supported.discard)(robot)
 
-    def place(self, robot: str, actuator_position: Array) -> None:
-        """Set a robot's actuators (n,) to a position, at rest; brakes hold it there."""
+    def place(self, robot: str, actuator_position: Array, by_hand: bool = False) -> None:
+        """Set a robot's actuators (n,) to a position, at rest; brakes hold it there, or `by_hand` where they are."""
         part, joints = self.slices[robot], self._assembly.joints[robot]
-        wanted = np.where(self._is_jammed[part], self.position[part], actuator_position)
+        still = self._is_jammed[part] | (self._is_braked[part] & by_hand)
+        wanted = np.where(still, self.position[part], actuator_position)
         self._joint_position[joints] = self._to_joint[joints, part] @ wanted
         self._joint_velocity[joints] = 0.0
         self.friction.relax(joints)
@@ -237,7 +238,6 @@ class Plant:
         self._applied = self.data.qfrc_applied
         self.effort, self._push, self._pull = (np.zeros(self.model.nv) for _ in range(3))  # on the model's joints
         self._is_pulled = False
-        self._transmitted = np.zeros(self.axes)
         self.friction: Friction = Friction(assembly.coulomb, self.model.dof_armature, self.period_s)
         self._tips: Tips = Tips(assembly, self.data, mechanisms)
         self._play = self._drives(self._play)
@@ -329,13 +329,12 @@ class Plant:
 def _model_variations(emulation: EmulationConfig, robots: tuple[Robot, ...]) -> dict[str, ModelVariation]:
     """Deviations of every robot from its files; ValueError names invalid ones."""
     like = {robot.name: ModelVariation(robot.name) for robot in robots}
-    counts = {robot.name: len(robot.actuators) for robot in robots}
+    counts = {robot.name: (len(robot.actuators), len(robot.brakes)) for robot in robots}
     for one in emulation.model_variations:
         if one.robot not in like:
             raise ValueError(f"{one.robot}: no such robot to vary; there are {', '.join(like) or 'none'}")
-        for what, values in (("backlash", one.backlash), ("pot_offset", one.pot_offset)):
-            if len(values) not in (0, counts[one.robot]):
-                raise ValueError(f"{one.robot}: {len(values)} numbers of {what}; allowed: {counts[one.robot]} or none")
+        for what, given, allowed in one.wrong_sizes(*counts[one.robot]):
+            raise ValueError(f"{one.robot}: {given} numbers of {what}; allowed: {allowed}")
         like[one.robot] = one
     return like
 
@@ -350,17 +349,6 @@ def _instruments(system: SystemConfig) -> dict[str, Tool]:
             raise ValueError(f"{arm_name}: instrument {tool_name} is not known; there are {', '.join(sorted(known))}")
         tools[arm_name] = known[tool_name]
     return tools
-
-
-def _slices(robots: tuple[Robot, ...]) -> dict[str, slice]:
-    slices: dict[str, slice] = {}
-    at = 0
-    for robot in robots:
-        if robot.name in slices:
-            raise ValueError(f"{robot.name}: two robots of this name")
-        slices[robot.name] = slice(at, at + len(robot.actuators))
-        at += len(robot.actuators)
-    return slices
 
 
 def _effort_per_current(robots: tuple[Robot, ...]) -> Array:

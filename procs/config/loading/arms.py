@@ -18,16 +18,15 @@ from trocar.procs.config.loading.chains import (
 )
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.loading.instruments import psm_tools
-from trocar.procs.config.loading.io_checks import range_of
+from trocar.procs.config.loading.io_checks import range_of, robots_of
+from trocar.procs.config.loading.meshes import checkout, mesh_links
 from trocar.procs.config.loading.user_code import DERIVED, derived_class, derived_commands
 from trocar.procs.config.models.arm_file import ArmFile, MtmFile, PsmFile
-from trocar.procs.config.models.io_file import IoFile, RobotKeys
-from trocar.procs.config.models.pid_file import PidFile
+from trocar.procs.config.models.io_file import IoFile, PidFile, RobotKeys
 from trocar.procs.config.models.system_file import ArmKeys
-from trocar.procs.config.read.matrices import check_rigid
-from trocar.procs.config.read.problem import KeyPath
-from trocar.procs.config.read.units import check_tolerance
+from trocar.procs.config.read.quantities import check_rigid, check_tolerance
 from trocar.procs.document import system as document
+from trocar.procs.document.arms import MeshLink
 from trocar.procs.tables.arm_types import ARM_TYPES, ArmType, class_of
 
 _PSM_LINKS = 3  # the tool has the rest of the chain
@@ -56,36 +55,31 @@ class LoadedArm:
         return dataclasses.replace(self.arm, links=None, master_gravity=None)
 
 
-@dataclass(frozen=True, slots=True)
-class RobotPlace:
-    """The robot of an arm, and its key in the IO file."""
-
-    file: Opened[IoFile]
-    key: KeyPath
-    keys: RobotKeys
-
-
 def load_arms(system: SystemFiles) -> list[LoadedArm]:
     """All arms without errors whose files have a model, with all their files checked."""
-    loaders = [_ArmLoader(system, index, keys) for index, keys in enumerate(system.content.arms)]
+    loaders = [_ArmLoader(system, index, part) for index, part in enumerate(system.each("arms", system.content.arms))]
     return [arm for loader in loaders if (arm := loader.load()) is not None]
 
 
-def base_frame_of(system: Opened[object], key: KeyPath, keys: ArmKeys) -> document.Matrix | None:
+def base_frame_of(part: Opened[ArmKeys]) -> document.Matrix | None:
     """The fixed base frame of an arm; None without one, or when another component provides it."""
-    frame = keys.base_frame
+    frame = part.content.base_frame
     if frame is None:
         return None
-    where = (*key, "base_frame")
     fixed = (frame.reference_frame is not None, frame.transform is not None)
     driven = (frame.component is not None, frame.interface is not None)
     if any(fixed) == any(driven) or any(fixed) != all(fixed) or any(driven) != all(driven):
         forms = "either reference_frame and transform, or component and interface"
-        system.error(where, "both forms or half a form", forms)
+        part.error("base_frame", "mixed or incomplete forms of a base frame", forms)
         return None
     if frame.transform is None:  # `carts.py` checks the component that provides it
         return None
-    return frame.transform if check_rigid(system, (*where, "transform"), frame.transform) else None
+    return frame.transform if check_rigid(part, "base_frame.transform", frame.transform) else None
+
+
+def reference_of(keys: ArmKeys) -> str:
+    """The reference frame of an arm's base; "" if it has none."""
+    return (keys.base_frame.reference_frame or "") if keys.base_frame else ""
 
 
 def check_pid(opened: Opened[PidFile], robot: RobotKeys | None) -> None:
@@ -94,26 +88,24 @@ def check_pid(opened: Opened[PidFile], robot: RobotKeys | None) -> None:
     names: set[str] = set()
     if robot is not None and len(axes) != len(robot.actuators):
         text = f"{len(axes)} entries, robot {robot.name} has {len(robot.actuators)} actuators"
-        opened.error(("pid",), text, f"{len(robot.actuators)} entries")
-    for number, axis in enumerate(axes):
-        key: KeyPath = ("pid", number)
-        if axis.index != number:
-            opened.error((*key, "index"), "must be its position in the list", str(number))
+        opened.error("pid", text, f"{len(robot.actuators)} entries")
+    for number, part in enumerate(opened.each("pid", axes)):
+        axis = part.content
+        if part.source.at(part.path("index")) != number:
+            part.error("index", "must be its position in the list", str(number))
         if axis.name in names:
-            opened.error((*key, "name"), "used twice", "a unique name for every entry")
+            part.error("name", "used twice", "a unique name for every entry")
         names.add(axis.name)
-        if not opened.source.has((*key, "pid_max_output")):
-            opened.warning((*key, "pid_max_output"), "absent: 0 is used, which means no effort", "-1: no limit")
+        if not part.has("pid_max_output"):
+            part.warning("pid_max_output", "absent: 0 is used, which means no effort", "-1: no limit")
         actuator = robot.actuators[number] if robot is not None and number < len(robot.actuators) else None
-        where, tolerance = (*key, "p_measured_setpoint_tolerance"), float(axis.model_dump()["tolerance"])
-        if tolerance == 0.0:
-            opened.warning(where, "0: the smallest error is a fault", "above 0, rad or m")
-        check_tolerance(opened, where, tolerance, axis.type, range_of(actuator) if actuator is not None else 0.0)
-        if robot is not None and actuator is not None:
-            joint_type = actuator.joint_type
-            if axis.type != joint_type:
-                text = f"actuator {number} of robot {robot.name} is {joint_type}"
-                opened.error((*key, "type"), text, joint_type)
+        where = "p_measured_setpoint_tolerance"
+        if axis.tolerance == 0.0:
+            part.warning(where, "0: the smallest error is a fault", "above 0, rad or m")
+        check_tolerance(part, where, axis.tolerance, axis.joint_type, range_of(actuator) if actuator else 0.0)
+        if robot is not None and actuator is not None and axis.joint_type != actuator.joint_type:
+            text = f"actuator {number} of robot {robot.name} is {actuator.joint_type}"
+            part.error("type", text, actuator.joint_type)
 
 
 @dataclass(slots=True)
@@ -122,12 +114,12 @@ class _ArmLoader:
 
     system: SystemFiles
     index: int
-    keys: ArmKeys
+    part: Opened[ArmKeys]
 
     @property
-    def key(self) -> KeyPath:
-        """The arm's key in the system file."""
-        return "arms", self.index
+    def keys(self) -> ArmKeys:
+        """The arm's keys in the system file."""
+        return self.part.content
 
     @property
     def family(self) -> str:
@@ -152,9 +144,9 @@ class _ArmLoader:
     def load(self) -> LoadedArm | None:
         """Load the arm and check all its files; None with errors, or for a kind whose files have no model yet."""
         keys = self.keys
-        base_frame = base_frame_of(self.system, self.key, keys)
+        base_frame = base_frame_of(self.part)
         if keys.IO and not self.is_kinematic:
-            self.system.find_bus((*self.key, "IO"), keys.IO)
+            self.system.find_bus(self.part.path("IO"), keys.IO)
         self._check_required()
         if keys.type.endswith("_GENERIC") or self.family not in ARM_TYPES:
             self._read_other_files()
@@ -171,20 +163,20 @@ class _ArmLoader:
         required: list[str] = []
         if not self.is_kinematic and not keys.type.endswith("_GENERIC"):  # files need not name a third-party program
             required += ["IO", "serial"] if self.family in ARM_TYPES else ["IO"] if keys.type == "SUJ_Classic" else []
-        if keys.type.endswith(DERIVED):
-            required += ["component"]
-        for name in required:
-            if not getattr(keys, name):
-                self.system.error((*self.key, name), f"this key is required for {keys.type}", "a text")
+        missing = [name for name in required if not getattr(keys, name)]
+        if keys.type.endswith(DERIVED) and not keys.component.name:
+            missing.append("component")
+        for name in missing:
+            self.part.error(name, f"this key is required for {keys.type}", "a text")
 
     def _read_other_files(self) -> None:
         """For kinds whose files have no model yet: check that the files exist and are readable."""
         if self.keys.arm_file:
-            path = self.system.find((*self.key, "arm_file"), self.keys.arm_file)
+            path = self.part.find("arm_file", self.keys.arm_file)
             if path is not None:
                 self.system.context.read(path)
         if self.keys.IO_file and self.bus is not None:
-            self.bus.add(self.system.context, self.system.find((*self.key, "IO_file"), self.keys.IO_file))
+            self.bus.add(self.part.find("IO_file", self.keys.IO_file))
 
     # -- its files -----------------------------------------------------------------------------------------------------
 
@@ -199,128 +191,133 @@ class _ArmLoader:
             pid = self._open_pid(row.gains.get(generation) or min(row.gains.values()), robot)
         if opened is None:
             return None
-        content, keys = opened.content, self.keys
+        content, keys, system = opened.content, self.keys, self.system
         chain, links = arm_chain(opened), weighing_links(opened, self.family)
         measured = measured_weight(opened, tuple(dict.fromkeys((keys.name, self.robot_name))), keys.serial)
-        if isinstance(content, PsmFile):
-            self._check_psm(opened, chain)
-        own = self._own_values(opened, robot, gripper)
+        own = {"gripper": gripper} if not isinstance(content, PsmFile) else self._psm_values(
+            Opened(opened.context, opened.source, content), chain, robot)
         starts = self._can_start(content, robot)
         driven = self._driven(opened, chain, robot, pid, drives=bool(starts))
         if starts is None or chain is None or driven is None:
             return None
         made, controller = driven
         arm = convert.by_name(
-            document.ArmConfig, keys, content, self.system.options.arm,
+            document.ArmConfig, keys, content, system.options.arm,
             type=keys.type.removesuffix(DERIVED),
             io=KINEMATIC_IO if self.is_kinematic else keys.IO,
             robot=made.name,
-            period_s=self.system.own(keys.name).period_s or self.system.options.arm.period_s or keys.period,
+            period_s=system.own(keys.name).period_s or system.options.arm.period_s or keys.period,
             chain=chain,
             links=links,
             master_gravity=measured,
             homing_zero_position=_homes_to_zero(content),
             inputs=inputs_of(self.bus, keys.name, self.robot_name),
             base_frame=base_frame,
-            reference_frame=(keys.base_frame.reference_frame or "") if keys.base_frame else "",
-            calibration_mode=self.system.options.calibration_mode,
+            reference_frame=reference_of(keys),
+            calibration_mode=system.options.calibration_mode,
             source=str(opened.source.path),
-            derived=derived_class(self.system, (*self.key, "component"), keys),
-            commands=derived_commands(self.system, keys),
+            derived=derived_class(system, self.part.path("component"), keys),
+            meshes=self._meshes(generation, chain),
+            commands=derived_commands(system, keys),
             **own,
         )
         if not self.is_kinematic and len(controller.axes) == row.actuators:
             controller = dataclasses.replace(controller, max_speeds=row.max_speeds)
         return LoadedArm(arm, made, controller, starts, keys.PID_period)
 
-    def _load_robot(self, actuators: int) -> RobotPlace | None:
+    def _meshes(self, generation: str, chain: document.Chain) -> tuple[MeshLink, ...]:
+        """Its meshes, if dvrk_model is on the search path."""
+        folder = checkout(self.system.context.search)
+        found, missing = mesh_links(folder, self.family, generation, chain) if folder is not None else ((), "")
+        if missing:
+            self.system.note(missing)
+        return found
+
+    def _load_robot(self, actuators: int) -> Opened[RobotKeys] | None:
         """The arm's robot, which must be in its IO file with the same serial number and number of actuators."""
-        keys, bus, name = self.keys, self.bus, self.robot_name
-        if bus is None or not (keys.serial or keys.IO_file):
+        keys, name = self.keys, self.robot_name
+        if not (keys.serial or keys.IO_file):
             return None
-        default = f"sawRobotIO1394-{name}-{keys.serial}.json"
-        path = self.system.find((*self.key, "IO_file"), keys.IO_file or default)
-        opened = bus.add(self.system.context, path)
+        opened = self._open_io("IO_file", keys.IO_file or f"sawRobotIO1394-{name}-{keys.serial}.json")
         if opened is None:
             return None
-        robots = opened.content.robots
-        index = next((index for index, robot in enumerate(robots) if robot.name == name), None)
-        if index is None:
+        found = next((robot for robot in robots_of(opened) if robot.content.name == name), None)
+        if found is None:
+            robots = opened.content.robots
             names = ", ".join(robot.name for robot in robots) or "no robot"
-            opened.error(("robots",), f"arm {keys.name} needs the robot {name}, this file has {names}", name)
+            self.part.error("name_on_IO" if keys.name_on_IO else "name", f"its IO file has no robot {name}: "
+                            f"{opened.source.path.name} has {names}", f"a name_on_IO: {names}; or {name} in that file")
             return None
-        robot, key = robots[index], ("robots", index)
-        if keys.serial and robot.serial_number != keys.serial:
-            text = f"arm {keys.name} has the serial {keys.serial}, its robot {robot.name} has {robot.serial_number}"
-            opened.error((*key, "serial_number"), text, f'"{keys.serial}"')
+        robot = found.content
+        if keys.serial and robot.serial != keys.serial:
+            text = f"arm {keys.name} has the serial {keys.serial}, its robot {robot.name} has {robot.serial}"
+            found.error("serial_number", text, f'"{keys.serial}"')
         if len(robot.actuators) != actuators and robot.number_of_actuators == len(robot.actuators):
-            opened.error((*key, "number_of_actuators"), f"wrong number for {keys.type} {keys.name}", str(actuators))
-        return RobotPlace(opened, key, robot)
+            found.error("number_of_actuators", f"wrong number for {keys.type} {keys.name}", str(actuators))
+        return found
 
     def _load_gripper(self) -> str:
         """The robot of a master's gripper, whose file must exist; "" without one."""
-        keys, bus = self.keys, self.bus
-        if bus is None or not (keys.serial or keys.IO_gripper_file):
+        keys = self.keys
+        if self.bus is None or not (keys.serial or keys.IO_gripper_file):
             return ""
-        file = keys.IO_gripper_file or f"sawRobotIO1394-{self.robot_name}-gripper-{keys.serial}.json"
-        opened = bus.add(self.system.context, self.system.find((*self.key, "IO_gripper_file"), file))
+        opened = self._open_io("IO_gripper_file", keys.IO_gripper_file
+                               or f"sawRobotIO1394-{self.robot_name}-gripper-{keys.serial}.json")
         return gripper_of(opened.content if opened is not None else None, keys.name, self.robot_name)
 
+    def _open_io(self, key: str, file: str) -> Opened[IoFile] | None:
+        return self.bus.add(self.part.find(key, file)) if self.bus is not None else None
+
     def _open_arm_file(self, model: type[ArmFile]) -> Opened[ArmFile] | None:
-        keys, where = self.keys, (*self.key, "arm_file")
+        keys = self.keys
         if not keys.arm_file and not keys.serial:
             if self.is_kinematic:
-                self.system.error(where, "this key is required without a serial", "a file")
+                self.part.error("arm_file", "this key is required without a serial", "a file")
             return None  # otherwise the missing serial was already reported
-        return self.system.open(model, where, keys.arm_file or f"{self.robot_name}-{keys.serial}.json")
+        return self.part.open(model, "arm_file", keys.arm_file or f"{self.robot_name}-{keys.serial}.json")
 
-    def _open_pid(self, default: str, robot: RobotPlace | None) -> Opened[PidFile] | None:
-        opened = self.system.open(PidFile, (*self.key, "PID_file"), self.keys.PID_file or default)
+    def _open_pid(self, default: str, robot: Opened[RobotKeys] | None) -> Opened[PidFile] | None:
+        opened = self.part.open(PidFile, "PID_file", self.keys.PID_file or default)
         if opened is not None:
-            check_pid(opened, robot.keys if robot else None)
+            check_pid(opened, robot.content if robot else None)
         return opened
 
     # -- results -------------------------------------------------------------------------------------------------------
 
-    def _check_psm(self, opened: Opened[ArmFile], chain: document.Chain | None) -> None:
+    def _psm_values(self, opened: Opened[PsmFile], chain: document.Chain | None,
+                    robot: Opened[RobotKeys] | None) -> dict[str, Any]:
+        """Fields of `document.ArmConfig` that only a PSM has and `by_name` cannot fill."""
+        content, name = opened.content, self.keys.name
         if chain is not None and len(chain.links) != _PSM_LINKS:
             text = f"chain of {len(chain.links)} rows for a PSM"
-            opened.error(("kinematic",), text, f"{_PSM_LINKS} rows, the others come with the tool")
-        if opened.content.generation == "Si" and opened.content.mounting_pitch is None:
-            text = "this key is required for a PSM Si"
-            opened.error(("mounting_pitch",), text, "rad; usually -0.7854, PSM3 -0.2618")
+            opened.error("kinematic", text, f"{_PSM_LINKS} rows, the others come with the tool")
+        if content.generation == "Si" and content.mounting_pitch is None:
+            opened.error("mounting_pitch", "this key is required for a PSM Si", "rad; usually -0.7854, PSM3 -0.2618")
+        tools = psm_tools(self.system, name, opened, is_kinematic=self.is_kinematic)
+        needs = tools.fixed.needs_depth(content.generation) if tools.fixed is not None else ""
+        if needs and content.cannula_depth is None and not self.is_kinematic:
+            opened.warning("tool", needs, "also the key cannula_depth, m")
+        return {"tool": tools.fixed, "tools": tools.all, "cannula_depth": content.cannula_depth or 0.0,
+                "instrument_reader": reader_of(self.bus, name, self.robot_name, robot.content if robot else None)}
 
-    def _own_values(self, opened: Opened[ArmFile], robot: RobotPlace | None, gripper: str) -> dict[str, Any]:
-        """Fields of `document.ArmConfig` specific to this kind of arm that `by_name` cannot fill."""
-        content, name = opened.content, self.keys.name
-        if isinstance(content, PsmFile):
-            tools = psm_tools(self.system, name, Opened(opened.context, opened.source, content))
-            reader = reader_of(self.bus, name, self.robot_name, robot.keys if robot is not None else None)
-            return {"tool": tools.fixed, "tools": tools.all, "cannula_depth": content.cannula_depth or 0.0,
-                    "instrument_reader": reader}
-        if isinstance(content, MtmFile):
-            return {"gripper": gripper, "gripper_debounce_s": content.gripper_events_debounce,
-                    "gripper_zero": content.gripper_events_zero}
-        return {}
-
-    def _can_start(self, content: ArmFile, robot: RobotPlace | None) -> bool | None:
+    def _can_start(self, content: ArmFile, robot: Opened[RobotKeys] | None) -> bool | None:
         """Whether this kind of arm is supported; a note if it is not, None (and an error) if that is unknown."""
         keys = self.keys
-        if keys.type.endswith(DERIVED) and keys.component and "." not in keys.component:
-            self.system.note(f"not started: {keys.name} ({keys.type}): {keys.component} is a component of the original "
+        component = keys.component.name
+        if keys.type.endswith(DERIVED) and component and "." not in component:
+            self.system.note(f"not started: {keys.name} ({keys.type}): {component} is a component of the original "
                              "program; name a class of Python, module.Class (docs/derived-arms.md)")
             return False
         if content.generation not in ARM_TYPES[self.family].gains:
             self.system.note(f"not started yet: {keys.name} ({keys.type} {content.generation})")
             return False
-        if robot is not None and robot.keys.hardware_version == "HARDWARE_UNDEFINED":
-            where = (*robot.key, "hardware_version")
-            robot.file.error(where, "the controllers must be stated", "QLA1, DQLA or dRA1")
+        if robot is not None and robot.content.hardware == "HARDWARE_UNDEFINED":
+            robot.error("hardware_version", "the controller hardware must be specified", "QLA1, DQLA or dRA1")
             return None
         return True
 
     def _driven(
-        self, opened: Opened[ArmFile], chain: document.Chain | None, robot: RobotPlace | None,
+        self, opened: Opened[ArmFile], chain: document.Chain | None, robot: Opened[RobotKeys] | None,
         pid: Opened[PidFile] | None, *, drives: bool,
     ) -> tuple[document.Robot, document.PidConfig] | None:
         """Robot and gains for io: from IO and PID files, or, if KINEMATIC, from the chain; None if a part is missing.
@@ -335,10 +332,8 @@ class _ArmLoader:
             return None
         if drives:
             _check_drivable(robot)
-        path = robot.file.source.path
-        lookup = self.bus.tables.get((path, int(robot.key[1])), "")
-        return (convert.robot(robot.keys, str(path), lookup),
-                convert.pid(pid.content, robot.keys.name, name, str(pid.source.path)))
+        return (self.bus.robot(robot),
+                document.PidConfig(robot.content.name, name, pid.content.pid, str(pid.source.path)))
 
 
 def _homes_to_zero(content: ArmFile) -> bool:
@@ -347,15 +342,12 @@ def _homes_to_zero(content: ArmFile) -> bool:
     return isinstance(content, MtmFile) if reported is None else reported
 
 
-def _check_drivable(robot: RobotPlace) -> None:
+def _check_drivable(robot: Opened[RobotKeys]) -> None:
     """Check that each axis of a moving arm has an encoder and a conversion from effort to current."""
-    for number, actuator in enumerate(robot.keys.actuators):
-        key: KeyPath = (*robot.key, "actuators", number)
-        if actuator.encoder is None:
-            robot.file.error((*key, "encoder"), "this key is required for an arm that moves", "an object")
-        if actuator.drive.maximum_current == 0.0:
-            where = (*key, "drive", "maximum_current")
-            robot.file.warning(where, "0 A is used: this axis can never pull", "above 0.0")
-        if actuator.drive.effort_to_current.scale == 0.0:
-            where = (*key, "drive", "effort_to_current", "scale")
-            robot.file.error(where, "must not be 0 for an arm that moves", "A per N·m or N")
+    for part in robot.each("actuators", robot.content.actuators):
+        if part.content.encoder is None:
+            part.error("encoder", "this key is required for an arm that moves", "an object")
+        if part.content.drive.maximum_current == 0.0:
+            part.warning("drive.maximum_current", "0 A is used: the motor of this axis produces no torque", "above 0.0")
+        if part.content.drive.effort_to_current.scale == 0.0:
+            part.error("drive.effort_to_current.scale", "must not be 0 for an arm that moves", "A per N·m or N")

@@ -7,24 +7,23 @@ import dataclasses
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
-from trocar.procs.config.loading.arms import base_frame_of
 from trocar.procs.config.loading.buses import BusFiles, SystemFiles
+from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.loading.convert import by_name
-from trocar.procs.config.models.hid_file import load_hid
+from trocar.procs.config.loading.third_parties import BUTTONS, COMPONENTS, GENERIC, is_from_ros, place_of
+from trocar.procs.config.models.io_file import HidFile
 from trocar.procs.config.models.system_file import (
     RESERVED,
     ConsoleKeys,
     InterfaceKeys,
     IoDeviceKeys,
-    SystemFile,
     TeleopEcmKeys,
     TeleopEcmParameters,
     TeleopPsmKeys,
     TeleopPsmParameters,
 )
-from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.config.read.validate import is_name
 from trocar.procs.document.arms import ThirdParty
 from trocar.procs.document.cart import Cart
@@ -38,14 +37,10 @@ from trocar.procs.document.consoles import (
     WiredInput,
 )
 
-GENERIC: Final = "_GENERIC"
-COMPONENTS: Final = "COMPONENTS"
-BUTTONS: Final = ("clutch", "camera", "operator_present")
 FOCUS: Final = "ISI_focus_controller"
 FOCUS_NAME: Final = "focus_controller"
 FOCUS_OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
 FOCUS_PEDALS: Final = ("focus_plus", "focus_minus")  # in, out
-_MAX_BUTTON: Final = 24  # size of the field in an event
 PERIOD_S: Final = 0.01
 PEDALS: Final = "IO_pedals"
 HEAD: Final = "IO_head_sensor"
@@ -87,7 +82,7 @@ def load_consoles(system: SystemFiles, arms: Sequence[str], carts: Sequence[Cart
     running = [*arms, *(row.name for row in third_parties if row.type)]
     setups = {cart.name: [arm.name for arm in cart.arms] for cart in carts}
     loader = _ConsoleLoader(system, running, setups)
-    consoles = tuple(loader.console(index, keys) for index, keys in enumerate(system.content.consoles))
+    consoles = tuple(map(loader.console, system.each("consoles", system.content.consoles)))
     rows: list[Console | TeleopPsmConfig | TeleopEcmConfig | ThirdParty] = [
         *consoles, *loader.psms, *loader.ecms, *third_parties]
     focuses = _load_focus(system, {row.name for row in rows})
@@ -105,54 +100,52 @@ class _ConsoleLoader:
     psms: list[TeleopPsmConfig] = field(default_factory=list)
     ecms: list[TeleopEcmConfig] = field(default_factory=list)
 
-    def console(self, index: int, keys: ConsoleKeys) -> Console:
+    def console(self, part: Opened[ConsoleKeys]) -> Console:
         """Load one entry of the list."""
-        key: KeyPath = ("consoles", index)
+        keys = part.content
         for name in _NEEDS[keys.input_type]:
             if not getattr(keys, name):
-                self.system.error((*key, name), f"this key is required with input_type {keys.input_type}")
+                part.error(name, f"this key is required with input_type {keys.input_type}")
         for name, types in _USED_BY.items():
             if getattr(keys, name) and keys.input_type not in types:
-                self.system.error((*key, name), f"not used with input_type {keys.input_type}",
-                                  f"input_type {' or '.join(types)}, or no such key")
-        ecms = [self._ecm((*key, "teleop_ECMs", place), keys.name, row) for place, row in enumerate(keys.teleop_ECMs)]
-        psms = [self._psm((*key, "teleop_PSMs", place), keys.name, row) for place, row in enumerate(keys.teleop_PSMs)]
-        self.ecms += [row for row in ecms if row is not None]
-        self.psms += [row for row in psms if row is not None]
-        names = tuple(row.name for row in (*ecms, *psms) if row is not None)
-        return self._with_inputs(key, keys, names)
+                part.error(name, f"not used with input_type {keys.input_type}",
+                           f"input_type {' or '.join(types)}, or no such key")
+        ecms = [self._ecm(row, keys.name) for row in part.each("teleop_ECMs", keys.teleop_ECMs)]
+        psms = [self._psm(row, keys.name) for row in part.each("teleop_PSMs", keys.teleop_PSMs)]
+        self.ecms += filter(None, ecms)
+        self.psms += filter(None, psms)
+        made = Console(keys.name, keys.input_type, self.system.own(keys.name).period_s or PERIOD_S,
+                       tuple(row.name for rows in (ecms, psms) for row in rows if row is not None))
+        return dataclasses.replace(made, **self._inputs(part))
 
     # -- inputs --------------------------------------------------------------------------------------------------------
 
-    def _with_inputs(self, key: KeyPath, keys: ConsoleKeys, teleops: tuple[str, ...]) -> Console:
-        period_s = self.system.own(keys.name).period_s or PERIOD_S
-        if keys.input_type == COMPONENTS:
-            clutch, camera, present = (self._component((*key, button), getattr(keys, button)) for button in BUTTONS)
-            return Console(keys.name, keys.input_type, period_s, teleops, clutch, camera, (present,) if present else ())
-        wired = keys.input_type.startswith("PEDALS")
-        pedals = keys.IO_pedals if wired else None
-        clutch, camera = (self._input((*key, PEDALS), pedals, name) for name in ("clutch", "camera"))
-        seen: tuple[WiredInput, ...] = ()
-        count, turn_off = 1, None
-        if keys.input_type == "PEDALS_ONLY":
-            coag = self._input((*key, PEDALS), pedals, "coag")
-            seen = (coag,) if coag else ()
-        elif keys.input_type == "PEDALS_ISI_HEAD_SENSOR" and keys.IO_head_sensor is not None:
-            beams = [self._input((*key, HEAD), keys.IO_head_sensor, beam) for beam in BEAMS]
-            seen, count = tuple(beam for beam in beams if beam), BEAMS_NEEDED
-            turn_off = self._turn_off(keys.IO_head_sensor)
-        elif keys.input_type == "PEDALS_DVRK_HEAD_SENSOR" and keys.IO_head_sensor is not None:
-            head = self._head_input((*key, HEAD), keys.IO_head_sensor)
-            seen = (head,) if head else ()
-        return Console(keys.name, keys.input_type, period_s, teleops, clutch, camera, seen, count, turn_off,
-                       self._head_on_usb(key, keys.HID_file) if keys.input_type == GOOVIS else None)
+    def _inputs(self, part: Opened[ConsoleKeys]) -> dict[str, Any]:
+        """Fields of `Console` for the inputs of this type of console."""
+        keys, kind = part.content, part.content.input_type
+        if kind == COMPONENTS:
+            clutch, camera, present = (self._component(part.at(button, getattr(keys, button))) for button in BUTTONS)
+            return {"clutch": clutch, "camera": camera, "operator_present": (present,) if present else ()}
+        if not kind.startswith("PEDALS"):
+            return {}
+        pedals, head = part.at(PEDALS, keys.IO_pedals), part.at(HEAD, keys.IO_head_sensor)
+        found: dict[str, Any] = {"clutch": self._input(pedals, "clutch"), "camera": self._input(pedals, "camera")}
+        seen: list[WiredInput | None] = []
+        if kind == "PEDALS_ONLY":
+            seen = [self._input(pedals, "coag")]
+        elif kind == "PEDALS_ISI_HEAD_SENSOR" and head.content is not None:
+            seen = [self._input(head, beam) for beam in BEAMS]
+            found |= {"present_count": BEAMS_NEEDED, "turn_off": self._turn_off(head.content)}
+        elif kind == "PEDALS_DVRK_HEAD_SENSOR" and head.content is not None:
+            seen = [self._head_input(head.at("", head.content))]
+        elif kind == GOOVIS and keys.HID_file:
+            opened = part.open(HidFile, "HID_file", keys.HID_file)
+            found["head"] = by_name(HidSensor, opened.content) if opened is not None else None
+        return found | {"operator_present": tuple(row for row in seen if row)}
 
-    def _head_on_usb(self, key: KeyPath, name: str) -> HidSensor | None:
-        path = self.system.find((*key, "HID_file"), name) if name else None
-        return load_hid(self.system.context, path) if path is not None else None
-
-    def _component(self, key: KeyPath, keys: InterfaceKeys | None) -> WiredInput | None:
+    def _component(self, part: Opened[InterfaceKeys | None]) -> WiredInput | None:
         """A digital input of an io, or a button of a third-party program."""
+        keys = part.content
         if keys is None:
             return None
         bus = self.system.buses.get(keys.component)
@@ -160,8 +153,8 @@ class _ConsoleLoader:
             return WiredInput(place_of(self.system.content, keys), keys.interface)
         names = [row.name for content in bus.contents() for row in content.digital_inputs]
         if keys.interface not in names:
-            self.system.error((*key, "interface"), f"{keys.component} has no such digital input",
-                               f"one of {', '.join(names)}" if names else "an IO whose files have digital inputs")
+            part.unlisted("interface", f"{keys.component} has no such digital input", names,
+                          "an IO whose files have digital inputs")
             return None
         return WiredInput(keys.component, keys.interface)
 
@@ -172,22 +165,22 @@ class _ConsoleLoader:
             return None
         return [row.name for row in (file.digital_outputs if outputs else file.digital_inputs)]
 
-    def _input(self, key: KeyPath, device: IoDeviceKeys | None, name: str) -> WiredInput | None:
+    def _input(self, part: Opened[IoDeviceKeys | None], name: str) -> WiredInput | None:
+        device = part.content
         names = self._names(device) if device is not None else None
         if device is None or names is None:
             return None
         if name not in names:
             text = f"{device.IO_file} has no digital input {name}: it cannot be pressed"
-            allowed = f"a file that has it; this one has {', '.join(names) or 'none'}"
-            self.system.warning((*key, "IO_file"), text, allowed)
+            part.warning("IO_file", text, f"a file that has it; this one has {', '.join(names) or 'none'}")
             return None
         return WiredInput(device.IO, name)
 
-    def _head_input(self, key: KeyPath, device: IoDeviceKeys) -> WiredInput | None:
+    def _head_input(self, part: Opened[IoDeviceKeys]) -> WiredInput | None:
         """The input of a dVRK head sensor: that with the device's name, else the only one with `head` in its name, or
         the only one at all.
         """
-        names = self._names(device)
+        device, names = part.content, self._names(part.content)
         if names is None:
             return None
         heads = [name for name in names if _HEAD_NAME.search(name)] or names
@@ -196,7 +189,7 @@ class _ConsoleLoader:
         if len(heads) != 1:
             text = f"{device.IO_file} has {len(heads)} digital inputs that may be the head sensor"
             allowed = f"the name of one of {', '.join(names)}" if names else "a file with a digital input"
-            self.system.error((*key, "name"), text, allowed)
+            part.error("name", text, allowed)
             return None
         return WiredInput(device.IO, heads[0])
 
@@ -205,163 +198,103 @@ class _ConsoleLoader:
 
     # -- teleoperations -----------------------------------------------------------------------------------------------
 
-    def _psm(self, key: KeyPath, console: str, keys: TeleopPsmKeys) -> TeleopPsmConfig | None:
-        given = keys.configure_parameter or TeleopPsmParameters()
-        where = (*key, "configure_parameter")
-        if given.align_MTM and not given.MTM_is_haptic:
-            self.system.error((*where, "align_MTM"), "an MTM that is not haptic cannot align", "false")
-        if given.gripper_scaling.zero == given.gripper_scaling.max:
-            text = "equal to zero's value"
-            self.system.error((*where, "gripper_scaling", "max"), text, "another angle")
-        name = self._named(key, console, {"MTM": keys.MTM, "PSM": keys.PSM})
-        if not self._runs(name, keys, (keys.MTM, keys.PSM)):
-            return None
-        frame = keys.PSM_base_frame
-        if frame is not None and not self._has_base_frame(name, (*key, "PSM_base_frame"), frame):
-            return None
-        return by_name(
-            TeleopPsmConfig, keys, given, name=name, period_s=self._period_s(name, keys), console=console,
-            gripper_zero=given.gripper_scaling.zero, gripper_max=given.gripper_scaling.max,
-            base_frame_from=frame.component if frame else "", base_frame_interface=frame.interface if frame else "",
+    def _psm(self, part: Opened[TeleopPsmKeys], console: str) -> TeleopPsmConfig | None:
+        keys, given = part.content, part.content.configure_parameter or TeleopPsmParameters()
+        frame, scaling = keys.PSM_base_frame, given.gripper_scaling
+        made = by_name(
+            TeleopPsmConfig, keys, given, **self._of_all(part, console, (keys.MTM, keys.PSM)),
+            gripper_zero=scaling.zero, gripper_max=scaling.max, base_frame_from=frame.component if frame else "",
+            base_frame_interface=frame.interface if frame else "",
             wrench_timeout_s=self.system.options.arm.effort_timeout_s)
+        if made.align_mtm and not made.mtm_is_haptic:
+            part.error("configure_parameter.align_MTM", "an MTM that is not haptic cannot align", "false")
+        if scaling.zero == scaling.max:
+            part.error("configure_parameter.gripper_scaling.max", "equal to the value of the key zero", "another angle")
+        self._check_roles(part, console, made.name, ("MTM", "PSM"), made.arms)
+        runs = self._runs(made, keys)
+        if frame is not None and runs:
+            runs = self._has_base_frame(made.name, part.at("PSM_base_frame", frame))
+        return made if runs else None
 
-    def _ecm(self, key: KeyPath, console: str, keys: TeleopEcmKeys) -> TeleopEcmConfig | None:
-        given = keys.configure_parameter or TeleopEcmParameters()
-        name = self._named(key, console, {"MTML": keys.MTML, "MTMR": keys.MTMR, "ECM": keys.ECM})
+    def _ecm(self, part: Opened[TeleopEcmKeys], console: str) -> TeleopEcmConfig | None:
+        keys, given = part.content, part.content.configure_parameter or TeleopEcmParameters()
+        made = by_name(TeleopEcmConfig, keys, given,
+                       **self._of_all(part, console, (keys.MTML, keys.MTMR, keys.ECM)))
+        self._check_roles(part, console, made.name, ("MTML", "MTMR", "ECM"), made.arms)
         if keys.MTML == keys.MTMR:
-            self.system.error((*key, "MTMR"), "the same arm as MTML", "another MTM")
-        if not self._runs(name, keys, (keys.MTML, keys.MTMR, keys.ECM)):
-            return None
-        return by_name(TeleopEcmConfig, keys, given, name=name, period_s=self._period_s(name, keys), console=console)
+            part.error("MTMR", "the same arm as MTML", "another MTM")
+        return made if self._runs(made, keys) else None
 
-    def _period_s(self, name: str, keys: TeleopPsmKeys | TeleopEcmKeys) -> float:
-        return self.system.own(name).period_s or keys.period
+    def _of_all(self, part: Opened[TeleopPsmKeys | TeleopEcmKeys], console: str, arms: tuple[str, ...]) -> \
+            dict[str, Any]:
+        name = "_".join(arms)
+        return {"name": name, "period_s": self.system.own(name).period_s or part.content.period, "console": console}
 
-    def _has_base_frame(self, teleop: str, key: KeyPath, frame: InterfaceKeys) -> bool:
+    def _has_base_frame(self, teleop: str, part: Opened[InterfaceKeys]) -> bool:
         """Check that the PSM's base frame is from a running arm, or a setup arm (`interface`) of a `component`.
 
         False, with a note, if it may be from an unsupported component: without that frame the PSM would move elsewhere.
         """
+        frame = part.content
         if frame.component in self.setups:
             known = self.setups[frame.component]
             if frame.interface not in known:
-                self.system.error((*key, "interface"), f"{frame.component} has no such setup arm",
-                                   f"one of {', '.join(known)}")
+                part.unlisted("interface", f"{frame.component} has no such setup arm", known)
         elif frame.component not in self.arms and self.system.content.component_manager:
-            self.system.note(f"not started: teleop {teleop} (its PSM_base_frame is from {frame.component}, no "
-                                      "arm and no setup joints; components of component_manager are left out)")
+            self.system.note(f"not started: teleop {teleop} (its PSM_base_frame is from {frame.component}, not an "
+                             "arm and no setup joints; components of component_manager are left out)")
             return False
         elif frame.component not in self.arms:
-            running = ", ".join((*self.setups, *self.arms))
-            self.system.error((*key, "component"), "no arm and no setup joints of this name are started",
-                               f"one of {running}")
+            part.unlisted("component", "no arm and no setup joints of this name are started",
+                          (*self.setups, *self.arms))
         return True
 
-    def _named(self, key: KeyPath, console: str, parts: dict[str, str]) -> str:
-        """The teleoperation's name, made of its arms' names; errors when these are unknown, or the name is taken."""
-        for role, arm in parts.items():
-            self._check_arm((*key, role), role, arm)
-        name = "_".join(parts.values())
+    def _check_roles(self, part: Opened[object], console: str, name: str, roles: tuple[str, ...],
+                     arms: tuple[str, ...]) -> None:
+        """Errors when the arms of a teleoperation are unknown, or its name, which is made of theirs, is taken."""
+        for role, arm in zip(roles, arms, strict=True):
+            self._check_arm(part, role, arm)
         content = self.system.content
         others = {row.name for rows in (content.IOs, content.arms, content.consoles) for row in rows}
         if name in self.taken:
-            text = f"teleop {name} is listed twice, first in {self.taken[name]}"
-            self.system.error(key, text)
+            part.error("", f"teleop {name} is listed twice, first in {self.taken[name]}")
         elif name in others:
-            text = f"teleop {name} has the name of something else in this file"
-            self.system.error(key, text, "a unique name for every IO, arm, console and teleop")
+            part.error("", f"teleop {name} has the name of something else in this file",
+                       "a unique name for every IO, arm, console and teleop")
         elif len(name) > MAX_NAME:
-            text = f"teleop {name} has a name of {len(name)} letters"
-            self.system.error(key, text, f"arms whose names are at most {MAX_NAME} letters together")
+            part.error("", f"teleop {name} has a name of {len(name)} letters",
+                       f"arm names of at most {MAX_NAME} letters in total")
         self.taken.setdefault(name, f"console {console}")
-        return name
 
-    def _check_arm(self, key: KeyPath, role: str, arm: str) -> None:
+    def _check_arm(self, part: Opened[object], role: str, arm: str) -> None:
         family = role[:3]
         families = {row.name: row.type.split("_")[0] for row in self.system.content.arms}
-        if families.get(arm) == family:
-            return
-        known = [name for name, other in families.items() if other == family]
-        text = f"no {family}" if arm in families else "no arm of this name"
-        self.system.error(key, text, f"one of {', '.join(known)}" if known else
-                           f"a {family} listed under arms")
+        if families.get(arm) != family:
+            known = [name for name, other in families.items() if other == family]
+            part.unlisted(role, f"not of type {family}" if arm in families else "no arm of this name", known,
+                          f"a {family} listed under arms")
 
-    def _runs(self, name: str, keys: TeleopPsmKeys | TeleopEcmKeys, arms: tuple[str, ...]) -> bool:
+    def _runs(self, made: TeleopPsmConfig | TeleopEcmConfig, keys: TeleopPsmKeys | TeleopEcmKeys) -> bool:
         """Whether a teleoperation can be started; a note if not."""
-        absent = [arm for arm in arms if arm not in self.arms]
-        if keys.type.endswith("_GENERIC"):
-            self.system.note(
-                f"not started: teleop {name} ({keys.type}): {keys.component or 'its component'} is for the original "
-                "software; for your own teleoperation, write a program that reads and commands arms (docs/python.md), "
-                "or use Trocar's with your own arm (docs/third-party-masters.md)")
+        name, note = made.name, self.system.note
+        component = keys.component or "its component"
+        if keys.type.endswith(GENERIC):
+            note(f"not started: teleop {name} ({keys.type}): {component} is for the original software; for your own "
+                 "teleoperation, write a program that reads and commands arms (docs/python.md), or use Trocar's with "
+                 "your own arm (docs/third-party-masters.md)")
             return False
         if keys.type.endswith("_DERIVED"):
-            self.system.note(f"teleop {name} ({keys.type}) is started as {keys.type.removesuffix('_DERIVED')}:"
-                                      f" {keys.component or 'its component'} is for the original software")
+            note(f"teleop {name} ({keys.type}) is started as {keys.type.removesuffix('_DERIVED')}: {component} is for "
+                 "the original software")
+        absent = [arm for arm in made.arms if arm not in self.arms]
         if absent:
-            self.system.note(f"not started: teleop {name} ({', '.join(absent)} not started)")
-        given = keys.configure_parameter if isinstance(keys, TeleopPsmKeys) else None
-        generic = arms[0] in [row.name for row in self.system.content.arms if row.type.endswith(GENERIC)]
-        if generic and isinstance(keys, TeleopPsmKeys) and (given is None or given.MTM_is_haptic):
-            self.system.note(f"teleop {name}: {arms[0]} is a third-party program; unless that carries "
-                                      "out move_cp and body/servo_cf, say MTM_is_haptic: false and align_MTM: false")
+            note(f"not started: teleop {name} ({', '.join(absent)} not started)")
+        if isinstance(made, TeleopPsmConfig) and made.mtm_is_haptic and any(
+                row.name == made.mtm and row.type.endswith(GENERIC) and not is_from_ros(self.system.content, row)
+                for row in self.system.content.arms):
+            note(f"teleop {name}: {made.mtm} is a third-party program; unless that carries out move_cp and "
+                 "body/servo_cf, say MTM_is_haptic: false and align_MTM: false")
         return not absent
-
-
-def load_third_parties(system: SystemFiles) -> tuple[ThirdParty, ...]:
-    """Generic arms, then other components with inputs of consoles, each with its required buttons."""
-    content = system.content
-    found = {row.name: ThirdParty(row.name, row.type, (), base_frame_of(system, ("arms", index), row),
-                                  (row.base_frame.reference_frame or "") if row.base_frame else "")
-             for index, row in enumerate(content.arms) if row.type.endswith(GENERIC)}
-    for index, row in enumerate(content.arms):
-        if row.name in found and row.base_frame is not None and row.base_frame.transform is None:
-            system.warning(("arms", index, "base_frame"), "the program that provides this arm has to apply it "
-                           "itself", "reference_frame and transform")
-    for index, console in enumerate(content.consoles):
-        for button in BUTTONS if console.input_type == COMPONENTS else ():
-            _ask_button(system, ("consoles", index, button), getattr(console, button), found)
-    return tuple(found.values())
-
-
-def place_of(content: SystemFile, button: InterfaceKeys) -> str:
-    """The process or place of a button: a generic arm may be named by its component, too.
-
-    Of several arms of one component, the one whose interface begins the button's (`MTMR/A`); "" if there is none.
-    """
-    arms = [row for row in content.arms if row.type.endswith(GENERIC) and button.component == row.component]
-    if len(arms) > 1:
-        return next((row.name for row in arms if button.interface.startswith(f"{row.interface or row.name}/")), "")
-    return arms[0].name if arms else button.component
-
-
-def _ask_button(system: SystemFiles, key: KeyPath, keys: InterfaceKeys | None, found: dict[str, ThirdParty]) -> None:
-    """Add the button of one console input to a third-party program, unless the input is an io's."""
-    content = system.content
-    if keys is None or keys.component in [row.name for row in content.IOs]:
-        return
-    name = place_of(content, keys)
-    if not name:
-        arms = [row for row in content.arms if row.type.endswith(GENERIC) and row.component == keys.component]
-        system.error((*key, "interface"), f"{keys.component} provides {', '.join(row.name for row in arms)}: whose "
-                     "button is it?", " or ".join(f"{row.interface or row.name}/{keys.interface}" for row in arms)
-                     + ", or the name of the arm as component")
-        return
-    if name not in found:
-        taken = RESERVED | {row.name for rows in (content.arms, content.consoles) for row in rows}
-        for console in content.consoles:
-            taken |= {f"{row.MTM}_{row.PSM}" for row in console.teleop_PSMs}
-            taken |= {f"{row.MTML}_{row.MTMR}_{row.ECM}" for row in console.teleop_ECMs}
-        if name in taken or not is_name(name):
-            text = "something else that has no buttons" if name in taken else "not a name for a place in the system"
-            system.error((*key, "component"), text, "an IO, an arm of a _GENERIC type, or a unique name of "
-                         "letters, digits, _ and -, at most 40, for your own program")
-            return
-        found[name] = ThirdParty(name, "")
-    if not 0 < len(keys.interface.encode()) <= _MAX_BUTTON:
-        system.error((*key, "interface"), "not a name for a button", f"1 to {_MAX_BUTTON} bytes")
-    elif keys.interface not in found[name].inputs:
-        found[name] = dataclasses.replace(found[name], inputs=(*found[name].inputs, keys.interface))
 
 
 def _load_focus(system: SystemFiles, operators: Collection[str]) -> tuple[Focus, ...]:

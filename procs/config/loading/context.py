@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeAlias, TypeVar
 
 from pydantic import BaseModel
 
@@ -16,11 +16,15 @@ from trocar.procs.config.read.validate import validate
 from trocar.procs.document import system as document
 from trocar.procs.machine.paths import ADDS_FOLDER, is_folder
 
+CALIBRATED: Final = "calibration makes it; until then, start with --calibration-mode"
 ADDED: Final = f"{ADDS_FOLDER}, for stock files the dVRK's sawIntuitiveResearchKit/share"
 NO_FOLDER: Final = "no such folder", "a folder"
 """Of a folder on the search path: other files than those meant would be found."""
 ModelType = TypeVar("ModelType", bound=BaseModel)
 Content = TypeVar("Content", covariant=True)
+Part = TypeVar("Part")
+Where: TypeAlias = str | KeyPath
+"""A key inside a part of a file: names joined by dots (`drive.maximum_current`), or a path; empty: the part itself."""
 
 
 @dataclass(slots=True)
@@ -32,6 +36,9 @@ class Context:
     notes: list[str] = field(default_factory=list)
     calibration_mode: bool = False  # values that a calibration will fix cause only warnings
     tools: dict[Path, document.Tool | None] = field(default_factory=dict)  # cache of tool files
+    _read: dict[Path, _Reading[None]] = field(default_factory=dict)  # each file is read once
+    _opened: dict[tuple[Path, type[BaseModel]], _Reading[Any]] = field(default_factory=dict)
+    _searches: dict[tuple[SearchPath, tuple[Path, ...]], SearchPath] = field(default_factory=dict)
 
     @classmethod
     def beside(cls, files: Sequence[Path], search: Sequence[Path], configs: Path) -> Context:
@@ -41,52 +48,97 @@ class Context:
 
     def read(self, path: Path) -> Opened[None] | None:
         """Read any file; None (and an error) when that fails."""
-        source, problems = read_source(path)
-        self.problems += problems
-        return Opened(self, source, None) if source is not None else None
+        if path not in self._read:
+            source, problems = read_source(path)
+            self._read[path] = Opened(self, source, None) if source is not None else None, problems
+        return self._again(self._read[path])
 
     def open(self, model: type[ModelType], path: Path | None) -> Opened[ModelType] | None:
         """Read a file as `model`; None (and errors) when it is not valid; None without a path."""
         read = self.read(path) if path is not None else None
-        if read is None:
+        if path is None or read is None:
             return None
-        source = read.source.renamed(getattr(model, "OLD_KEYS", {}))
-        content, problems = validate(model, source)
-        self.problems += problems
-        return Opened(self, source, content) if content is not None else None
+        if (path, model) not in self._opened:
+            source = read.source.renamed(getattr(model, "OLD_KEYS", {}))
+            content, problems = validate(model, source)
+            self._opened[path, model] = Opened(self, source, content) if content is not None else None, problems
+        return self._again(self._opened[path, model])
+
+    def _again(self, reading: _Reading[Content]) -> Opened[Content] | None:
+        """A file read before; its problems are those of each of its readers."""
+        self.problems += reading[1]
+        return reading[0]
+
+    def with_folders(self, folders: tuple[Path, ...]) -> SearchPath:
+        """The search path with `folders` first, after the working folder."""
+        known = (self.search, folders)
+        if known not in self._searches:
+            self._searches[known] = self.search.first(*folders)
+        return self._searches[known]
 
 
 @dataclass(frozen=True, slots=True)
 class Opened(Generic[Content]):
-    """A file with its content; problems are added to its context."""
+    """A file, or the part of it at `key`, with its content; problems are added to its context."""
 
     context: Context
     source: SourceFile
     content: Content
+    key: KeyPath = field(default=(), kw_only=True)
 
-    def error(self, key: KeyPath, text: str, allowed: str = "") -> None:
-        """Add an error at a key of this file."""
-        self.context.problems.append(self.source.problem(key, text, allowed=allowed))
+    def path(self, inner: Where) -> KeyPath:
+        """The key of something inside, from the beginning of the file."""
+        return (*self.key, *(inner if isinstance(inner, tuple) else filter(None, inner.split("."))))
 
-    def warning(self, key: KeyPath, text: str, allowed: str = "") -> None:
-        """Add a warning at a key of this file."""
-        self.context.problems.append(self.source.problem(key, text, allowed=allowed, severity=WARNING))
+    def at(self, inner: Where, content: Part) -> Opened[Part]:
+        """A part of this part, with its content."""
+        return Opened(self.context, self.source, content, key=self.path(inner))
+
+    def each(self, inner: Where, rows: Iterable[Part]) -> Iterator[Opened[Part]]:
+        """The rows of a list, each as a part."""
+        part = self.at(inner, None)
+        return (part.at((index,), row) for index, row in enumerate(rows))
+
+    def has(self, inner: Where) -> bool:
+        """Whether a key is written in the file."""
+        return self.source.has(self.path(inner))
+
+    def error(self, inner: Where, text: str, allowed: str = "") -> None:
+        """Add an error at a key of this part."""
+        self.context.problems.append(self.source.problem(self.path(inner), text, allowed=allowed))
+
+    def unlisted(self, inner: Where, text: str, known: Iterable[str], otherwise: str = "") -> None:
+        """Add an error at a key that must have one of the `known` values; `otherwise`: what to do if there is none."""
+        names = ", ".join(known)
+        self.error(inner, text, f"one of {names}" if names else otherwise)
+
+    def warning(self, inner: Where, text: str, allowed: str = "") -> None:
+        """Add a warning at a key of this part."""
+        self.context.problems.append(self.source.problem(self.path(inner), text, allowed=allowed, severity=WARNING))
 
     def note(self, text: str) -> None:
         """Add a note, which is no mistake."""
         self.context.notes.append(text)
 
-    def find(self, key: KeyPath, *names: str, beside: tuple[Path, ...] = ()) -> Path | None:
-        """Find a file by one of `names`, first in `beside` (default: this file's folder); None with an error."""
-        where = self.context.search.first(*(beside or (self.source.path.parent,)))
+    def find(self, inner: Where, *names: str, beside: tuple[Path, ...] = (), calibrated: bool = False) -> Path | None:
+        """Find a file by one of `names`, first in `beside` (default: this file's folder); None with an error.
+
+        `calibrated`: calibration makes the file, so that calibration mode starts without it, with a warning.
+        """
+        where = self.context.with_folders(beside or (self.source.path.parent,))
         found = where.find(*names)
         if found is None:
             nearest = where.nearest(names[0])
             hint = f" (did you mean {nearest}?)" if nearest else ""
             text = f"no file {' or '.join(names)}{hint}; looked in {where}"
-            self.error(key, text, f"a file on the search path; {ADDED}")
+            starts = calibrated and self.context.calibration_mode
+            mode = f"; {CALIBRATED}" if calibrated and not starts else ""
+            (self.warning if starts else self.error)(inner, text, f"a file on the search path; {ADDED}{mode}")
         return found
 
-    def open(self, model: type[ModelType], key: KeyPath, *names: str) -> Opened[ModelType] | None:
+    def open(self, model: type[ModelType], inner: Where, *names: str) -> Opened[ModelType] | None:
         """Find and read a file as `model`; None (and errors) when it is missing or not valid."""
-        return self.context.open(model, self.find(key, *names))
+        return self.context.open(model, self.find(inner, *names))
+
+
+_Reading = tuple[Opened[Content] | None, list[FileProblem]]

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from trocar.procs.config.loading.buses import SystemFiles
 from trocar.procs.config.loading.context import Opened
-from trocar.procs.config.loading.io_checks import AXES, board_ids, parts_of
-from trocar.procs.config.models.emulation_section import (
+from trocar.procs.config.loading.io_checks import AXES, board_ids, parts_of, robots_of
+from trocar.procs.config.models.io_file import IoFile, RobotKeys
+from trocar.procs.config.models.trocar_section import (
     ControllerKeys,
     EmulatedBusKeys,
     EmulationOptions,
     NetworkKeys,
     QuirkKeys,
 )
-from trocar.procs.config.models.io_file import IoFile
 from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.config.read.validate import Section
 from trocar.procs.document import system as document
@@ -26,7 +27,7 @@ Keys = TypeVar("Keys", bound=Section)
 
 EMULATION: KeyPath = ("trocar", "emulation")
 BOARDS = 16
-USUAL, OF_ETHERNET = 8, 9  # the oldest firmware for all hardware; the only one without need for FireWire
+USUAL, OF_ETHERNET = 8, 9  # the oldest firmware for all hardware; the oldest without need for FireWire
 _UNKNOWN = "HARDWARE_UNDEFINED"
 
 
@@ -36,8 +37,12 @@ class BusPlace:
 
     system: SystemFiles
     name: str
-    keys: EmulatedBusKeys
+    part: Opened[EmulatedBusKeys]
     files: list[Opened[IoFile]]  # empty if the system has no IOs
+
+    def robots(self) -> Iterator[Opened[RobotKeys]]:
+        """All robots of its files."""
+        return (robot for opened in self.files for robot in robots_of(opened))
 
     @property
     def options(self) -> EmulationOptions:
@@ -45,9 +50,9 @@ class BusPlace:
         return self.system.options.emulation
 
     @property
-    def key(self) -> KeyPath:
-        """The key of this bus in the system file."""
-        return (*EMULATION, "buses", self.name)
+    def keys(self) -> EmulatedBusKeys:
+        """The keys of this bus."""
+        return self.part.content
 
     def of_board(self, board: int) -> ControllerKeys:
         """The keys of a board, merged with those of its bus and those for all."""
@@ -66,8 +71,8 @@ class BusPlace:
 
     def where(self, name: str, board: int | None = None) -> KeyPath:
         """The origin of a value of a bus, or of one of its boards: the nearest level that has the key."""
-        nearest = ((*self.key, "controllers", str(board)), self.key, EMULATION)
-        return next(((*key, name) for key in nearest if self.system.source.has((*key, name))), self.key)
+        nearest = (self.part.path(("controllers", str(board))), self.part.key, EMULATION)
+        return next(((*key, name) for key in nearest if self.system.source.has((*key, name))), self.part.key)
 
 
 def _merged(model: type[Keys], *levels: Section) -> Keys:
@@ -86,20 +91,17 @@ def _merged(model: type[Keys], *levels: Section) -> Keys:
 def controllers(place: BusPlace) -> tuple[document.Controller, ...]:
     """All boards in IO files or in the section; by board id, the hub first."""
     hardware = _hardware_of_files(place)
-    rows = []
     for name in place.keys.controllers:
         if name not in map(str, range(BOARDS)):
-            place.system.error((*place.key, "controllers", name), "no board has this id", f"0 to {BOARDS - 1}")
+            place.part.error(("controllers", name), "no board has this id", f"0 to {BOARDS - 1}")
         elif int(name) not in hardware:
             hardware[int(name)] = _UNKNOWN
             if place.files:
                 place.system.note(f"{place.name}: board {name} is in no IO file")
-    for board in sorted(hardware):
-        rows.append(_controller(place, board, hardware[board]))
+    rows = [_controller(place, board, hardware[board]) for board in sorted(hardware)]
     hub = place.keys.hub
     if hub is not None and hub not in hardware:
-        allowed = f"one of {', '.join(map(str, sorted(hardware)))}"
-        place.system.error((*place.key, "hub"), "no such board on this bus", allowed)
+        place.part.unlisted("hub", "no such board on this bus", map(str, sorted(hardware)))
     return tuple(sorted(rows, key=lambda row: row.board_id != hub))
 
 
@@ -144,9 +146,9 @@ def _check_made(place: BusPlace, board: int, hardware: str, firmware: int, fpga:
     who = f"board {board} of {place.name}"
     firmware_key, fpga_key = place.where("firmware", board), place.where("fpga", board)
     made = MADE_FOR[hardware]
-    if place.ethernet and firmware != OF_ETHERNET:
+    if place.ethernet and firmware < OF_ETHERNET:
         text = f"{who} needs FireWire with firmware {firmware}"
-        place.system.error(firmware_key, text, f"{OF_ETHERNET}, or network bridge")
+        place.system.error(firmware_key, text, f"{OF_ETHERNET} or later, or network bridge")
     elif place.ethernet and fpga != "V3":
         place.system.error(fpga_key, f"{who} needs FireWire with FPGA {fpga}", "V3, or network bridge")
     elif firmware not in made:
@@ -159,16 +161,15 @@ def _check_made(place: BusPlace, board: int, hardware: str, firmware: int, fpga:
 
 def _check_axes(place: BusPlace, board: int, hardware: str) -> None:
     """Check the axes in a file without hardware version against the assumed hardware."""
-    for opened in place.files:
-        for index, robot in enumerate(opened.content.robots):
-            used = [part.axis_id for _, part in parts_of(index, robot) if part.board_id == board]
-            if robot.hardware_version == _UNKNOWN and max(used, default=0) >= AXES[hardware]:
-                text = f"board {board} of {place.name} has no axis {max(used)} as a {hardware}"
-                enough = " or ".join(name for name in MADE_FOR if AXES[name] > max(used))
-                if place.of_board(board).hardware:
-                    place.system.error(place.where("hardware", board), text, enough)
-                else:
-                    opened.error(("robots", index, "hardware_version"), text, enough)
+    for robot in place.robots():
+        used = [part.content.axis_id for part in parts_of(robot) if part.content.board_id == board]
+        if robot.content.hardware == _UNKNOWN and max(used, default=0) >= AXES[hardware]:
+            text = f"board {board} of {place.name} has no axis {max(used)} as a {hardware}"
+            enough = " or ".join(name for name in MADE_FOR if AXES[name] > max(used))
+            if place.of_board(board).hardware:
+                place.system.error(place.where("hardware", board), text, enough)
+            else:
+                robot.error("hardware_version", text, enough)
 
 
 def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
@@ -186,11 +187,8 @@ def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
 
 def _robot_serial(place: BusPlace, board: int) -> str:
     """The identification in the memory of the Si arm that contains the board."""
-    for opened in place.files:
-        for index, robot in enumerate(opened.content.robots):
-            if any(part.board_id == board for _, part in parts_of(index, robot)):
-                return registers.arm_memory(robot.name, robot.serial_number)
-    return ""
+    return next((registers.arm_memory(robot.content.name, robot.content.serial) for robot in place.robots()
+                 if any(part.content.board_id == board for part in parts_of(robot))), "")
 
 
 def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], protocol: str) -> None:
@@ -204,8 +202,8 @@ def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], pro
 
 def check_hub_memory(place: BusPlace, rows: tuple[document.Controller, ...]) -> None:
     """Check that hub memory, and a block, have room for the replies of all boards to a broadcast query."""
-    quads = blocks.hub_read_quads_of((row.firmware, row.hardware) for row in rows)
+    quads = blocks.hub_read_quads((row.firmware, row.hardware) for row in rows)
     if quads > blocks.MAX_HUB_QUADS:
-        key = (*place.key, "controllers") if place.keys.controllers else place.key
         text = f"the {len(rows)} boards of {place.name} have {quads} quadlets in hub memory"
-        place.system.error(key, text, f"up to {blocks.MAX_HUB_QUADS}: 15 QLA1 (16 with firmware 7), or 8 DQLA or dRA1")
+        place.part.error("controllers" if place.keys.controllers else "", text,
+                         f"up to {blocks.MAX_HUB_QUADS}: 15 QLA1 (16 with firmware 7), or 8 DQLA or dRA1")

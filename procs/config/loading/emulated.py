@@ -18,11 +18,10 @@ from trocar.procs.config.loading.controllers import (
     controllers,
 )
 from trocar.procs.config.loading.convert import by_name
-from trocar.procs.config.models.emulation_section import EVERYWHERE, RAW, EmulatedBusKeys
+from trocar.procs.config.models.arm_file import PLUGS, SetupArmKeys, SetupFile
 from trocar.procs.config.models.io_file import IoFile, RobotKeys
-from trocar.procs.config.models.setup_file import PLUGS, SetupArmKeys, SetupFile
 from trocar.procs.config.models.system_file import PROTOCOLS
-from trocar.procs.config.read.problem import KeyPath
+from trocar.procs.config.models.trocar_section import EVERYWHERE, RAW, EmulatedBusKeys
 from trocar.procs.config.read.validate import is_name
 from trocar.procs.document import emulated
 from trocar.procs.document import system as document
@@ -96,15 +95,16 @@ def _places(system: SystemFiles) -> Iterable[BusPlace]:
     names: dict[str, list[Opened[IoFile]]] = {name: bus.opened() for name, bus in system.buses.items()}
     names = names or {name: [] for name in given}
     for name in given:
-        key = (*EMULATION, "buses", name)
+        part = system.at((*EMULATION, "buses", name), given[name])
         if name not in names:
-            system.error(key, "no IO of this name", f"one of {', '.join(names)}")
+            part.unlisted("", "no IO of this name", names)
         elif not is_name(name):
-            system.error(key, "not a name for a bus", "letters, digits, _ and -, at most 40")
-        elif not system.buses and not given[name].controllers:
-            system.error((*key, "controllers"), "a bus without an IO needs controllers", 'e.g. {"0": {}}')
+            part.error("", "not a name for a bus", "letters, digits, _ and -, at most 40")
+        elif not system.buses and not part.content.controllers:
+            part.error("controllers", "a bus without an IO needs controllers", 'e.g. {"0": {}}')
     for name, files in names.items():
-        yield BusPlace(system, name, given.get(name, EmulatedBusKeys()), files)
+        keys = given.get(name, EmulatedBusKeys())
+        yield BusPlace(system, name, system.at((*EMULATION, "buses", name), keys), files)
 
 
 def _bus(place: BusPlace, address: str) -> document.BusConfig:
@@ -114,13 +114,8 @@ def _bus(place: BusPlace, address: str) -> document.BusConfig:
     if testboard and without:
         text = f"the test board fits a QLA, not a dRA1 (board {', '.join(map(str, without))} of {place.name})"
         place.system.error(place.where("testboard"), text, "false")
-    return document.BusConfig(
-        io=place.name,
-        address=place.keys.address or address,
-        controllers=rows,
-        network="ethernet" if place.ethernet else "bridge",
-        testboard=testboard,
-    )
+    return document.BusConfig(io=place.name, address=place.keys.address or address, controllers=rows,
+                              network="ethernet" if place.ethernet else "bridge", testboard=testboard)
 
 
 def _note(place: BusPlace, bus: document.BusConfig, files: BusFiles | None) -> None:
@@ -135,12 +130,11 @@ def _note(place: BusPlace, bus: document.BusConfig, files: BusFiles | None) -> N
 
 def _check_raw_port(place: BusPlace, bus: document.BusConfig, files: BusFiles) -> None:
     """Check the port of a bus on raw Ethernet, which is not replaced: only the system file knows the interface."""
-    key: KeyPath = (*files.key, "port")
     if not files.keys.port.startswith("eth"):
         text = f"the emulated boards of {place.name} are on raw Ethernet ({bus.address})"
-        place.system.error(key, text, "eth:INTERFACE, the other end of their cable")
+        files.part.error("port", text, "eth:INTERFACE, the interface at the other end of their cable")
     elif bus.network == "bridge" and not files.keys.port.startswith("ethfw") and _could_do_without_firewire(bus):
-        place.system.error(key, f"the boards of {place.name} would be read without FireWire", "ethfw:INTERFACE")
+        files.part.error("port", f"the boards of {place.name} would be read without FireWire", "ethfw:INTERFACE")
 
 
 def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> None:
@@ -149,16 +143,15 @@ def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> 
     interfaces: dict[str, str] = {}
     place_of = {place.name: place for place in places}
     for bus in rows:
-        place = place_of[bus.io]
-        key: KeyPath = (*place.key, "address")
+        part = place_of[bus.io].part
         if bus.address == EVERYWHERE:
             if len(rows) > 1:
-                place.system.error(key, f"{EVERYWHERE} leaves no address for the other buses", "127.x.y.z")
+                part.error("address", f"{EVERYWHERE} leaves no address for the other buses", "127.x.y.z")
             continue
         if bus.address.startswith(RAW):
             if bus.address in interfaces:
                 text = f"{bus.address} belongs to {interfaces[bus.address]}"
-                place.system.error(key, text, "a different interface for every bus")
+                part.error("address", text, "a different interface for every bus")
             interfaces[bus.address] = bus.io
             continue
         base = IPv4Address(bus.address)
@@ -166,18 +159,18 @@ def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> 
         room = LAST_OCTET - int(base) % 256
         if shift > room:
             text = f"board {shift} of {bus.io} has this address plus {shift}: it leaves its block"
-            place.system.error(key, text, f"up to {base + room - shift}")
+            part.error("address", text, f"up to {base + room - shift}")
         count = BOARDS if bus.network == "ethernet" else shift + 1  # broadcasts are recognized by their sender there
         for own in (base + number for number in range(count)):
             if own in taken:
-                place.system.error(key, f"{own} belongs to {taken[own]}", "different addresses for every bus")
+                part.error("address", f"{own} belongs to {taken[own]}", "different addresses for every bus")
                 break
             taken[own] = bus.io
 
 
 def _robots(system: SystemFiles) -> dict[str, RobotKeys]:
     """All robots on the buses, by their names on the boards."""
-    robots = {(io, robot.name): robot for io, bus in system.buses.items() for _, _, robot in bus.robots()}
+    robots = {(io, part.content.name): part.content for io, bus in system.buses.items() for part in bus.robots()}
     names = names_on_boards(robots)
     return {names[place]: robot for place, robot in robots.items()}
 
@@ -187,29 +180,24 @@ def _instruments(system: SystemFiles, arms: list[LoadedArm]) -> tuple[tuple[str,
     tools = {item.arm.name: item.arm.tools for item in arms}
     for arm, tool in system.options.emulation.instruments.items():
         if arm not in tools:
-            key = (*EMULATION, "instruments", arm)
-            allowed = f"one of {', '.join(tools)}" if tools else "nothing"
-            system.error(key, "no arm of this name is emulated", allowed)
+            system.unlisted((*EMULATION, "instruments", arm), "no arm of this name is emulated", tools, "nothing")
         found = find(tool, tools.get(arm, ())).entry
         instruments[arm] = found.name if found is not None else tool  # otherwise already reported
     return tuple(sorted(instruments.items()))
 
 
 def _model_variations(system: SystemFiles) -> tuple[document.ModelVariation, ...]:
-    robots, found = _robots(system), []
-    for name, keys in system.options.emulation.robots.items():
-        key = (*EMULATION, "robots", name)
-        made = by_name(document.ModelVariation, keys, robot=name)
-        found.append(made)
-        if name not in robots:
-            allowed = f"one of {', '.join(robots)}" if robots else "nothing"
-            system.error(key, "no robot of this name is emulated", allowed)
-            continue
-        count = len(robots[name].actuators)
-        for what, values in (("backlash", made.backlash), ("pot_offset", made.pot_offset)):
-            if values and len(values) != count:
-                system.error((*key, what), f"{len(values)} values", f"{count}, one an actuator")
-    return tuple(found)
+    robots = _robots(system)
+    found = tuple(by_name(document.ModelVariation, keys, robot=name)
+                  for name, keys in system.options.emulation.robots.items())
+    for made in found:
+        key, robot = (*EMULATION, "robots", made.robot), robots.get(made.robot)
+        if robot is None:
+            system.unlisted(key, "no robot of this name is emulated", robots, "nothing")
+        else:
+            for what, given, allowed in made.wrong_sizes(len(robot.actuators), len(robot.brakes)):
+                system.error((*key, what), f"{given} values", allowed)
+    return found
 
 
 # -- Classic setup joints: their file, and the outputs and axes that reach them ----------------------------------------
@@ -220,21 +208,20 @@ def setup_joints_of(
 ) -> tuple[emulated.EmulatedSetupJoints, ...]:
     """The Classic setup joints on the emulated boards of `ios`."""
     found = []
-    for index, keys in enumerate(system.content.arms):
+    for part in system.each("arms", system.content.arms):
+        keys = part.content
         if keys.type == "SUJ_Classic" and keys.IO and keys.arm_file and keys.simulation == "NONE":
-            where: KeyPath = ("arms", index)
-            opened = system.open(SetupFile, (*where, "arm_file"), keys.arm_file)
+            opened = part.open(SetupFile, "arm_file", keys.arm_file)
             if opened is None:
                 continue
-            io = next((io for io in ios if io.name == keys.IO), None)
-            name = keys.name_on_IO or keys.name
-            robot = next((r for r in io.robots if r.name == name), None) if io is not None else None
-            made = _fitted(emulation, io, robot, opened.content) if io is not None and robot is not None else None
+            places = [(io, robot) for io in ios if io.name == keys.IO
+                      for robot in io.robots if robot.name == (keys.name_on_IO or keys.name)]
+            made = _fitted(emulation, *places[0], opened.content) if places else None
             if made is not None:
                 found.append(made)
-                continue
-            need = f"{PLUGS} actuators and the outputs {', '.join(OUTPUTS)}, all on one QLA1 or DQLA"
-            system.warning(where, f"emulated without setup joints: {keys.IO} lacks what they need", need)
+            else:
+                need = f"{PLUGS} actuators and the outputs {', '.join(OUTPUTS)}, all on one QLA1 or DQLA"
+                part.warning("", f"emulated without setup joints: {keys.IO} lacks what they need", need)
     return tuple(found)
 
 
@@ -259,12 +246,7 @@ def _fitted(
 
 
 def _setup_arm(keys: SetupArmKeys) -> emulated.EmulatedSetupArm:
-    return emulated.EmulatedSetupArm(
-        name=keys.name,
-        plug=keys.plug_number,
+    return by_name(
+        emulated.EmulatedSetupArm, keys, lifts=keys.lifts, position=keys.simulated_position or (),
         primary=tuple(zip(keys.primary_scales or (), keys.primary_offsets or (), strict=False)),
-        secondary=tuple(zip(keys.secondary_scales or (), keys.secondary_offsets or (), strict=False)),
-        release_current=keys.brake_release_current,
-        lifts=keys.type == "Motorized PSM",
-        position=keys.simulated_position or (),
-    )
+        secondary=tuple(zip(keys.secondary_scales or (), keys.secondary_offsets or (), strict=False)))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from trocar.procs.config.loading.buses import SystemFiles
 from trocar.procs.config.loading.chains import load_tool
 from trocar.procs.config.loading.context import ADDED, Context, Opened
+from trocar.procs.config.loading.convert import by_name
 from trocar.procs.config.models.arm_file import PsmFile
 from trocar.procs.config.models.kinematic_file import InstrumentKeys, ToolIndexFile
 from trocar.procs.config.read.problem import KeyPath
@@ -16,18 +17,8 @@ from trocar.procs.document import system as document
 from trocar.procs.document.catalogue import find, full_name
 
 INDEX = "tool/index.json"
-
-
-@dataclass(frozen=True, slots=True)
-class Listed:
-    """One entry of an index."""
-
-    names: tuple[str, ...]
-    model: str
-    version_min: int | None
-    version_max: int | None
-    keys: InstrumentKeys
-    index: Path
+Listed: TypeAlias = Opened[InstrumentKeys]
+"""An entry of an index."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +29,10 @@ class PsmTools:
     all: tuple[document.Tool, ...]
 
 
-def psm_tools(system: SystemFiles, arm: str, opened: Opened[PsmFile]) -> PsmTools:
+def psm_tools(system: SystemFiles, arm: str, opened: Opened[PsmFile], *, is_kinematic: bool) -> PsmTools:
     """The instruments of the arm called `arm`.
 
-    With FIXED detection, only the one in its file and the inserted one are read.
+    With FIXED detection, a robot has only the one in its file and the inserted one; a KINEMATIC arm takes any.
     """
     listed = listed_for(opened)
     fixed = psm_tool(opened, listed)
@@ -49,8 +40,9 @@ def psm_tools(system: SystemFiles, arm: str, opened: Opened[PsmFile]) -> PsmTool
     key = ("trocar", "emulation", "instruments", arm)
     inserted = _named(opened, listed, system, key, name) if name is not None else None
     tools = [tool for tool in (fixed, inserted) if tool is not None]
-    if opened.content.tool_detection != "FIXED":
-        tools += _loadable(opened, listed, arm)
+    is_fixed = opened.content.tool_detection == "FIXED"
+    if is_kinematic or not is_fixed:
+        tools += _loadable(opened, listed, "" if is_fixed else arm)
     return PsmTools(fixed, tuple({tool.name: tool for tool in tools}.values()))
 
 
@@ -78,26 +70,25 @@ def listed_for(opened: Opened[PsmFile]) -> tuple[Listed, ...]:
     for path in dict.fromkeys(paths):
         index = opened.context.open(ToolIndexFile, path)
         if index is not None and check_index(index):
-            taken = {(entry.model, name) for entry in found for name in entry.names}
-            found += [Listed(row.names, row.model, row.version_min, row.version_max, row, path)
-                      for row in index.content.instruments if not taken & {(row.model, name) for name in row.names}]
+            taken = {(entry.content.model, name) for entry in found for name in entry.content.names}
+            found += [row for row in index.each("instruments", index.content.instruments)
+                      if not taken & {(row.content.model, name) for name in row.content.names}]
     return tuple(found)
 
 
 def check_index(opened: Opened[ToolIndexFile]) -> bool:
     """Whether at most one entry covers each name, model and version."""
     fine, rows = True, opened.content.instruments
-    for number, row in enumerate(rows):
-        key: KeyPath = ("instruments", number)
-        low, high = _versions(row)
+    for number, part in enumerate(opened.each("instruments", rows)):
+        row, (low, high) = part.content, _versions(part.content)
         if low > high:
-            opened.error((*key, "version_max"), "below version_min", f"from {row.version_min}")
+            part.error("version_max", "below version_min", f"from {row.version_min}")
             fine = False
         for other in rows[:number]:
             first, last = _versions(other)
             if other.model == row.model and set(other.names) & set(row.names) and low <= last and first <= high:
-                text = f"model {row.model} is listed twice for the same versions"
-                opened.error((*key, "model"), text, "version_min and version_max that tell them apart")
+                part.error("model", f"model {row.model} is listed twice for the same versions",
+                           "version ranges (version_min, version_max) that do not overlap")
                 fine = False
                 break
     return fine
@@ -115,36 +106,33 @@ def _versions(row: InstrumentKeys) -> tuple[float, float]:
 def _named(opened: Opened[PsmFile], listed: tuple[Listed, ...], asked_by: Opened[object], key: KeyPath,
            name: str) -> document.Tool | None:
     """The tool called `name`; None with an error at the key that requests it."""
-    found = find(name, listed)
+    found = find(name, [entry.content for entry in listed])
     if found.note:
         opened.note(f"{asked_by.source.path.name}: {key[-1]} {name} {found.note}")
     if found.entry is None:
         nothing = f"NAME:MODEL of a tool/index.json or index.yaml on the search path; {ADDED}"
         asked_by.error(key, found.reason, ", ".join(found.candidates) or nothing)
         return None
-    file, beside = found.entry.keys.file, (found.entry.index.parent, opened.source.path.parent)
-    path = asked_by.find(key, file, f"tool/{file}", beside=beside)
+    index = next(entry.source.path for entry in listed if entry.content is found.entry)
+    path = asked_by.find(key, found.entry.file, f"tool/{found.entry.file}",
+                         beside=(index.parent, opened.source.path.parent))
     return _loaded(opened.context, path, found.entry) if path is not None else None
 
 
 def _loadable(opened: Opened[PsmFile], listed: tuple[Listed, ...], arm: str) -> list[document.Tool]:
-    """All instruments whose files exist; the others are noted."""
+    """All instruments whose files exist; the others are noted for the arm called `arm`, if it is named."""
     tools, missing = [], []
     for entry in listed:
-        path = file_of(opened.context, entry.index, entry.keys.file)
-        tool = _loaded(opened.context, path, entry) if path is not None else None
+        path = file_of(opened.context, entry.source.path, entry.content.file)
+        tool = _loaded(opened.context, path, entry.content) if path is not None else None
         tools += [tool] if tool is not None else []
-        missing += [entry.keys.file] if path is None else []
-    if missing:
+        missing += [entry.content.file] if path is None else []
+    if missing and arm:
         text = f"{arm}: {len(missing)} of {len(listed)} instruments of the tool index have no file"
         opened.note(f"{text} and cannot be chosen: {', '.join(missing[:3])}{', …' if missing[3:] else ''}")
     return tools
 
 
-def _loaded(context: Context, path: Path, entry: Listed) -> document.Tool | None:
-    tool = load_tool(context, path, full_name(entry))
-    if tool is None:
-        return None
-    return dataclasses.replace(tool, names=entry.names, model=entry.model, generation=entry.keys.generation,
-                               description=entry.keys.description, version_min=entry.version_min,
-                               version_max=entry.version_max)
+def _loaded(context: Context, path: Path, keys: InstrumentKeys) -> document.Tool | None:
+    tool = load_tool(context, path, full_name(keys))
+    return by_name(document.Tool, keys, tool) if tool is not None else None

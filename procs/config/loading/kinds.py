@@ -1,38 +1,41 @@
-"""Checks of any configuration file by itself: its kind, and all problems of the file and of those that it names."""
+"""Kinds of configuration files: their checks, with those of the files that they name, and their JSON Schemas."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePath
+from typing import Any, Final
+
+from pydantic import BaseModel
+from pydantic.json_schema import JsonSchemaMode, models_json_schema
 
 from trocar.procs.config.loading.arms import check_pid
-from trocar.procs.config.loading.buses import BusFiles
 from trocar.procs.config.loading.carts import check_cart
 from trocar.procs.config.loading.chains import (
     arm_chain,
     check_chain,
+    check_gravity,
     check_tool,
     load_tool,
     measured_weight,
     weighing_links,
 )
-from trocar.procs.config.loading.context import Context, ModelType, Opened
+from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.loading.instruments import check_index, file_of, psm_tool
-from trocar.procs.config.loading.io_checks import check_bus
+from trocar.procs.config.loading.io_checks import check_bus, check_io_file
 from trocar.procs.config.loading.load import load_system
-from trocar.procs.config.models.arm_file import ArmFile, PsmFile
-from trocar.procs.config.models.gravity_file import load_master_gravity
-from trocar.procs.config.models.hid_file import load_hid
-from trocar.procs.config.models.kinematic_file import KinematicFile, ToolFile, ToolIndexFile
-from trocar.procs.config.models.lookup_file import check_table
-from trocar.procs.config.models.pid_file import PidFile
-from trocar.procs.config.models.system_file import IoKeys
+from trocar.procs.config.models.arm_file import ArmFile, FixedSetupFile, PsmFile, SetupFile, SiSetupFile
+from trocar.procs.config.models.io_file import HidFile, IoFile, PidFile
+from trocar.procs.config.models.kinematic_file import GravityFile, KinematicFile, ToolFile, ToolIndexFile
+from trocar.procs.config.models.lookup_file import check_table, load_tables
+from trocar.procs.config.models.system_file import SystemFile
+from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.problem import WARNING, FileProblem
+from trocar.procs.config.read.shapes import fields_of
 from trocar.procs.config.read.source import SourceFile, read_source
-from trocar.procs.config.read.validate import fields_of
 from trocar.procs.document.cart import CLASSIC, FIXED, SI
 from trocar.procs.machine.paths import PROJECT_CONFIGS, given_file, not_found
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
@@ -54,6 +57,26 @@ OWN_KEYS = {name.lower(): tuple(key for key in fields_of(class_of(row.arm_file, 
 """Keys that arm files of only this kind have."""
 
 _IDS = {head["$id"]: kind for kind, head in HEADS.items()}
+
+
+_MARKS = tuple((kind, frozenset(keys.split())) for kind, keys in (
+    ("tool index", "instruments"), ("tool", "DH tooltip_offset"), ("tool", "DH jaw"), ("kinematic", "DH"),
+    ("io", "robots"), ("io", "digital_inputs"), ("io", "digital_outputs"), ("potentiometer table", "serial lookup"),
+    ("gravity", "GC_controller"), ("pid", "pid"), ("head sensor", "id_vendor"), ("head sensor", "id_product")))
+"""Keys by which files without `$id` are recognized, in this order: all of a row."""
+_ARM_MARKS = (("setup joints, fixed", frozenset({"measured_cp"})), *(
+    (kind, own | {key}) for kind, own in (("setup joints, Classic", frozenset({"plug_number"})),
+                                          ("setup joints, Si", frozenset()))
+    for key in ("DH", "primary_offsets", "simulated_position")))
+"""The same, of the first row of `arms`."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileKind:
+    """A kind of file: its model (None: it has none), and the check of what the model cannot express."""
+
+    model: type[BaseModel] | None
+    check: Callable[[Opened[Any]], object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +109,10 @@ def check_file(
         return _check_system(path, search, boards, sets, configs)
     if kind == UNKNOWN:
         return Checked(path, kind, (*problems, _unknown(source)))
-    context = Context.beside([path], search, configs)
-    _CHECKS[kind](context, path)
+    context, row = Context.beside([path], search, configs), KINDS[kind]
+    opened: Opened[Any] | None = context.read(path) if row.model is None else context.open(row.model, path)
+    if opened is not None:
+        row.check(opened)
     found = sorted(dict.fromkeys(context.problems), key=lambda problem: problem.severity == WARNING)
     return Checked(path, kind, tuple(found), tuple(dict.fromkeys(context.notes)))
 
@@ -115,34 +140,19 @@ def arm_kind(keys: Collection[str], kinematic: str, name: str = "") -> str:
 
 def kind_of(data: Mapping[str, object], name: str = "") -> str:
     """The kind of a file by its content: its `$id` or else by the keys that only this kind has; `name`: the file's."""
-    keys = set(data)
-    if "$id" in keys:
+    if "$id" in data:
         return _IDS.get(str(data["$id"]), UNKNOWN)
-    if "instruments" in keys:
-        return "tool index"
-    if {"DH", "tooltip_offset"} <= keys or {"DH", "jaw"} <= keys:
-        return "tool"
-    if "DH" in keys:
-        return "kinematic"
-    if {"robots", "digital_inputs", "digital_outputs"} & keys:
-        return "io"
-    if {"serial", "lookup"} <= keys:
-        return "potentiometer table"
-    if "GC_controller" in keys:
-        return "gravity"
-    if "pid" in keys:
-        return "pid"
-    if {"id_vendor", "id_product"} & keys:
-        return "head sensor"
-    if "kinematic" in keys:
-        return arm_kind(keys, str(data["kinematic"]), name) or "psm"
+    if marked := _marked(_MARKS, data):
+        return marked
+    if "kinematic" in data:
+        return arm_kind(data, str(data["kinematic"]), name) or "psm"
     arms = data.get("arms")
-    first = next((set(arm) for arm in arms if isinstance(arm, dict)), set()) if isinstance(arms, list) else set()
-    if "measured_cp" in first:
-        return "setup joints, fixed"
-    if {"DH", "primary_offsets", "simulated_position"} & first:
-        return "setup joints, Classic" if "plug_number" in first else "setup joints, Si"
-    return SYSTEM if {"arms", "IOs", "consoles"} & keys else UNKNOWN
+    first = next((arm for arm in arms if isinstance(arm, dict)), ()) if isinstance(arms, list) else ()
+    return _marked(_ARM_MARKS, first) or (SYSTEM if {"arms", "IOs", "consoles"} & set(data) else UNKNOWN)
+
+
+def _marked(marks: Iterable[tuple[str, frozenset[str]]], keys: Collection[str]) -> str:
+    return next((kind for kind, needed in marks if needed <= set(keys)), "")
 
 
 def _unknown(source: SourceFile) -> FileProblem:
@@ -151,16 +161,10 @@ def _unknown(source: SourceFile) -> FileProblem:
     return source.problem((), "this kind of file is not checked", severity=WARNING)
 
 
-def _check_io(context: Context, path: Path) -> None:
-    bus = BusFiles(IoKeys(name="IO", port="fw"), ())
-    bus.add(context, path)
-    check_bus(bus.opened())
-
-
-def _check(context: Context, path: Path, model: type[ModelType], check: Callable[[Opened[ModelType]], object]) -> None:
-    opened = context.open(model, path)
-    if opened is not None:
-        check(opened)
+def _check_io(opened: Opened[IoFile]) -> None:
+    check_io_file(opened)
+    load_tables(opened)
+    check_bus([opened])
 
 
 def _check_arm(opened: Opened[ArmFile], arm_type: str) -> None:
@@ -173,26 +177,54 @@ def _check_arm(opened: Opened[ArmFile], arm_type: str) -> None:
 
 def _check_index(opened: Opened[ToolIndexFile]) -> None:
     check_index(opened)
-    for number, row in enumerate(opened.content.instruments):
-        found = file_of(opened.context, opened.source.path, row.file)
+    for row in opened.each("instruments", opened.content.instruments):
+        found = file_of(opened.context, opened.source.path, row.content.file)
         if found is None:
-            opened.warning(("instruments", number, "file"), "no such file: it cannot be chosen", "a tool file")
+            row.warning("file", "no such file: it cannot be chosen", "a tool file")
         else:
-            load_tool(opened.context, found, row.file)
+            load_tool(opened.context, found, row.content.file)
 
 
-_CHECKS: dict[str, Callable[[Context, Path], object]] = {
-    "io": _check_io,
-    "pid": partial(_check, model=PidFile, check=partial(check_pid, robot=None)),
-    **{name.lower(): partial(_check, model=class_of(row.arm_file, ArmFile), check=partial(_check_arm, arm_type=name))
+KINDS: Final[Mapping[str, FileKind]] = {
+    SYSTEM: FileKind(SystemFile, lambda opened: None),  # see `_check_system`
+    "io": FileKind(IoFile, _check_io),
+    "pid": FileKind(PidFile, partial(check_pid, robot=None)),
+    **{name.lower(): FileKind(class_of(row.arm_file, ArmFile), partial(_check_arm, arm_type=name))
        for name, row in ARM_TYPES.items()},
-    "kinematic": partial(_check, model=KinematicFile, check=check_chain),
-    "tool": partial(_check, model=ToolFile, check=check_tool),
-    "tool index": partial(_check, model=ToolIndexFile, check=_check_index),
-    "setup joints, Classic": partial(check_cart, kind=CLASSIC),
-    "setup joints, Si": partial(check_cart, kind=SI),
-    "setup joints, fixed": partial(check_cart, kind=FIXED),
-    "potentiometer table": check_table,
-    "gravity": load_master_gravity,
-    "head sensor": load_hid,
+    "kinematic": FileKind(KinematicFile, check_chain),
+    "tool": FileKind(ToolFile, check_tool),
+    "tool index": FileKind(ToolIndexFile, _check_index),
+    "setup joints, Classic": FileKind(SetupFile, partial(check_cart, kind=CLASSIC)),
+    "setup joints, Si": FileKind(SiSetupFile, partial(check_cart, kind=SI)),
+    "setup joints, fixed": FileKind(FixedSetupFile, partial(check_cart, kind=FIXED)),
+    "potentiometer table": FileKind(None, check_table),
+    "gravity": FileKind(GravityFile, check_gravity),
+    "head sensor": FileKind(HidFile, lambda opened: None),
 }
+"""THE TABLE of kinds of files that `trocar check` knows."""
+MODELS: Final = {name: kind.model for name, kind in KINDS.items() if kind.model is not None}
+
+# -- JSON Schemas, for completion and checks in editors ----------------------------------------------------------------
+
+_EMPTY: Final[dict[str, Any]] = {"enum": [None, [], {}]}
+"""Values that count as absent, in files of the dVRK."""
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """The JSON Schema of a kind of file; KeyError if there is no such kind.
+
+    It has keys, types and ranges. What several keys or files must agree on is checked by `check_file` only.
+    """
+    models: list[type[BaseModel]] = [MODELS[kind], *([TrocarSection] if kind == SYSTEM else [])]
+    wanted: list[tuple[type[BaseModel], JsonSchemaMode]] = [(model, "validation") for model in models]
+    refs, definitions = models_json_schema(wanted, by_alias=True)
+    parts = [refs[row] for row in wanted]
+    if kind == SYSTEM:
+        section = definitions["$defs"][TrocarSection.__name__]["properties"]
+        section["processes"] = {"anyOf": [section["processes"], {"type": "array"}]}  # the other form: users' processes
+        definitions["$defs"][SystemFile.__name__]["properties"]["trocar"] = parts[1]
+    for definition in definitions["$defs"].values():
+        properties = definition.get("properties", {})
+        definition["properties"] = {key: {"anyOf": [value, _EMPTY]} for key, value in properties.items()}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"Trocar: {kind} file", **definitions,
+            **parts[0]}

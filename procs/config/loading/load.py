@@ -12,23 +12,45 @@ from pathlib import Path
 
 from trocar.procs.config.loading import convert
 from trocar.procs.config.loading.arms import LoadedArm, load_arms
-from trocar.procs.config.loading.bridges import load_foxglove, load_gui, load_recorder, load_ros, load_socket
+from trocar.procs.config.loading.bridges import (
+    Free,
+    at_free_defaults,
+    load_foxglove,
+    load_gui,
+    load_recorder,
+    load_ros,
+    load_socket,
+)
 from trocar.procs.config.loading.buses import BusFiles, SystemFiles, check_buses, load_buses, watchdog_s
 from trocar.procs.config.loading.carts import load_carts, with_base_frames, with_brakes
 from trocar.procs.config.loading.chains import KINEMATIC, KINEMATIC_IO
-from trocar.procs.config.loading.components import warn_of_components
-from trocar.procs.config.loading.consoles import load_consoles, load_third_parties
+from trocar.procs.config.loading.consoles import load_consoles
 from trocar.procs.config.loading.context import NO_FOLDER, Context, Opened
 from trocar.procs.config.loading.emulated import build_emulation, default_addresses, ports_of, setup_joints_of
 from trocar.procs.config.loading.overrides import SECTION, apply_overrides, with_named_processes
 from trocar.procs.config.loading.processes import Core, build_processes, placement
+from trocar.procs.config.loading.third_parties import (
+    check_components,
+    load_third_parties,
+    programs_of,
+    warn_of_components,
+)
 from trocar.procs.config.loading.user_code import load_user_processes, with_tasks
-from trocar.procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
+from trocar.procs.config.models.system_file import (
+    PERIOD_S,
+    PROTOCOLS,
+    RESERVED,
+    ArmKeys,
+    ConsoleKeys,
+    IoKeys,
+    SystemFile,
+)
 from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem
 from trocar.procs.config.read.search import SearchPath, expanded, search_path
 from trocar.procs.config.read.validate import is_name, validate
 from trocar.procs.document import system as document
+from trocar.procs.machine.extras import missing
 from trocar.procs.machine.paths import PROJECT_CONFIGS, is_folder
 
 _SIMULATED = (document.PACED, document.LOCKSTEP)
@@ -45,36 +67,42 @@ class Loaded:
     errors: tuple[FileProblem, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """What a system gets from this machine.
+
+    `bus_address`: the 127/8 address of each emulated bus by index; `free`: ports and ROS domains, for those that the
+    file does not choose; `cores`: the processors of each core, to place processes on them.
+    """
+
+    bus_address: Callable[[int], str] | None = None
+    free: Free | None = None
+    cores: Sequence[Core] = ()
+
+
 def load_system(
-    path: Path | str,
-    *,
-    search: Sequence[Path] = (),
-    boards: str | None = None,
-    sets: Mapping[str, str] | Sequence[str] = (),
-    name: str | None = None,
-    configs: Path = PROJECT_CONFIGS,
-    bus_address: Callable[[int], str] | None = None,
-    cores: Sequence[Core] = (),
-    records: bool = False,
+    path: Path | str, *, search: Sequence[Path] = (), boards: str | None = None,
+    sets: Sequence[str] = (), name: str | None = None, configs: Path = PROJECT_CONFIGS,
+    machine: Machine | None = None, records: bool = False,
 ) -> Loaded:
     """Load a system file (JSON or YAML) and all files it names; nothing is written.
 
     `search`: folders of `--path`; `boards`: "emulated", or None for the file's setting; `sets`: the `--set` options;
-    `name`: the system's name (default: the file's); `bus_address`: the 127/8 address of each emulated bus by index;
-    `cores`: the processors of each core of this machine, to place processes on them; `records`: whether there is a
-    recorder by default.
+    `name`: the system's name (default: the file's); `records`: whether there is a recorder by default.
     """
-    context = Context.beside([Path(path)], search, configs)
+    context, machine = Context.beside([Path(path)], search, configs), machine or Machine()
     read = context.read(Path(path))
-    system = _opened(read, boards, sets) if read is not None else None
-    made = _load(system, name, bus_address, cores, records) if system is not None else None
+    system = _opened(read, boards, sets, machine.free) if read is not None else None
+    made = _load(system, name, machine, records) if system is not None else None
     unique = tuple(dict.fromkeys(context.problems))
     errors = tuple(problem for problem in unique if problem.severity == ERROR)
     warnings = tuple(problem for problem in unique if problem.severity == WARNING)
     return Loaded(None if errors else made, warnings, errors)
 
 
-def _opened(read: Opened[None], boards: str | None, sets: Mapping[str, str] | Sequence[str]) -> SystemFiles | None:
+def _opened(
+    read: Opened[None], boards: str | None, sets: Sequence[str], free: Free | None,
+) -> SystemFiles | None:
     """The system file with its `trocar:` section; None if errors prevent loading."""
     context = read.context
     if "$id" not in read.source.data and _OLD_KEYS & set(read.source.data):
@@ -93,6 +121,8 @@ def _opened(read: Opened[None], boards: str | None, sets: Mapping[str, str] | Se
         context.problems += problems
     if content is None or options is None:
         return None
+    if free is not None:
+        options = at_free_defaults(context, content, options, free)
     system = SystemFiles(context, source, content, options, (boards or options.boards) == "emulated")
     context.search = _with_settings(system)
     context.calibration_mode = options.calibration_mode
@@ -108,56 +138,39 @@ def _opened(read: Opened[None], boards: str | None, sets: Mapping[str, str] | Se
     return system
 
 
-def _load(
-    system: SystemFiles, name: str | None, bus_address: Callable[[int], str] | None, cores: Sequence[Core],
-    records: bool,
-) -> document.SystemConfig | None:
+def _load(system: SystemFiles, name: str | None, machine: Machine, records: bool) -> document.SystemConfig | None:
     """The document of all files that the system names, loaded in the order of their references."""
+    options = system.options
     load_buses(system)
-    arms = load_arms(system)
-    carts = load_carts(system)
+    arms, carts = load_arms(system), load_carts(system)
     check_buses(system)
+    check_components(system)
     third_parties = load_third_parties(system)
-    if system.options.clock in _SIMULATED and third_parties:
+    if options.clock in _SIMULATED and third_parties:
         text = f"{', '.join(row.name for row in third_parties)}: a third-party program does not wait for us"
-        system.error((SECTION, "clock"), text, "wall")
-    operation = load_consoles(system, [loaded.arm.name for loaded in arms if loaded.starts], carts, third_parties)
+        system.error("trocar.clock", text, "wall")
+    rows = with_base_frames([loaded.commanded for loaded in arms if loaded.starts], carts)
+    operation = load_consoles(system, [row.name for row in rows], carts, third_parties)
     system_name = name or re.sub(r"[^A-Za-z0-9_-]", "_", system.source.path.stem)[:40]
     if not is_name(system_name):
         system.context.problems.append(FileProblem("--system", 0, "", system_name, "not a name for a system",
                                                    "letters, digits, _ and -, at most 40"))
         return None
-    ios, emulation = _with_boards(system, arms, carts, bus_address or default_addresses(system_name))
-    rows = with_base_frames([loaded.commanded for loaded in arms if loaded.starts], carts)
-    options = system.options
-    made = document.SystemConfig(
-        name=system_name,
-        source=str(system.source.path),
-        clock=options.clock or _usual_clock(system, ios, carts, third_parties),
-        ios=ios,
-        arms=rows,
-        emulation=emulation,
-        processes=(),
-        carts=carts,
-        consoles=operation.consoles,
-        teleop_psms=operation.teleop_psms,
-        teleop_ecms=operation.teleop_ecms,
-        third_parties=third_parties,
-        focuses=operation.focuses,
-        users=load_user_processes(system, [arm.name for arm in rows if arm.derived], [p.name for p in third_parties]),
-        ros=load_ros(system),
-        socket=load_socket(system),
-        foxglove=load_foxglove(system),
-        gui=load_gui(system),
+    ios, emulation = _with_boards(system, arms, carts, machine.bus_address or default_addresses(system_name))
+    if any(row.jerk_time_s for row in rows) and (lacks := missing("ruckig", "a jerk limit")):
+        system.error("trocar.arm", f"{lacks}; to start without it: --set arm.jerk_time_s=0")
+    users = load_user_processes(system, [arm.name for arm in rows if arm.derived], [row.name for row in third_parties])
+    made = convert.by_name(
+        document.SystemConfig, operation, options, system.content.settings,
+        name=system_name, source=str(system.source.path),
+        clock=options.clock or _usual_clock(system, ios, carts, third_parties), ios=ios, arms=rows, emulation=emulation,
+        processes=(), carts=carts, third_parties=third_parties, users=(*users, *programs_of(system, third_parties)),
+        ros=load_ros(system), socket=load_socket(system), foxglove=load_foxglove(system), gui=load_gui(system),
         recorder=load_recorder(system, records),
-        audio_volume=system.content.settings.audio_volume,
-        supervisor_lost_s=options.supervisor_lost_s,
-        group=options.group,
-        service_user=options.service_user,
-        logs=document.Logs(round(options.logs.size_mb * 1e6), options.logs.days * 86400.0, options.logs.keep),
-        notes=tuple(dict.fromkeys(system.context.notes)),
-    )
-    places = placement(system, made, cores)
+        logs=convert.by_name(document.Logs, options.logs, max_bytes=round(options.logs.size_mb * 1e6),
+                             max_age_s=options.logs.days * 86400.0),
+        notes=tuple(dict.fromkeys(system.context.notes)))
+    places = placement(system, made, machine.cores)
     processes = build_processes(system, made, places)
     if emulation is not None:  # the file of setup joints is read last
         joints = setup_joints_of(system, emulation, emulation.ios or ios)
@@ -199,24 +212,22 @@ def _check_names(system: SystemFiles) -> None:
     seen: dict[str, str] = dict.fromkeys(sorted(RESERVED), "a process of Trocar")
     if any(row.simulation == KINEMATIC for row in content.arms):
         seen[KINEMATIC_IO] = "the process that simulates KINEMATIC arms"
-    names: list[tuple[str, list[str]]] = [
-        ("IOs", [row.name for row in content.IOs]),
-        ("arms", [row.name for row in content.arms]),
-        ("consoles", [row.name for row in content.consoles]),
-    ]
-    for kind, name, index in ((kind, name, index) for kind, row in names for index, name in enumerate(row)):
-        if name in seen:
-            text = f"this name is taken by {seen[name]}"
-            system.error((kind, index, "name"), text, "a unique name for every IO, arm and console")
-        seen[name] = f"{kind}[{index}]"
+    for kind in ("IOs", "arms", "consoles"):
+        rows: Sequence[IoKeys | ArmKeys | ConsoleKeys] = getattr(content, kind)
+        for index, row in enumerate(rows):
+            if row.name in seen:
+                system.error((kind, index, "name"), f"this name is taken by {seen[row.name]}",
+                             "a unique name for every IO, arm and console")
+            seen[row.name] = f"{kind}[{index}]"
     robots: dict[tuple[str, str], str] = {}
-    for index, arm in enumerate(content.arms):
+    for part in system.each("arms", content.arms):
+        arm = part.content
         robot = (arm.IO, arm.name_on_IO or arm.name)
         if arm.simulation == KINEMATIC:  # not on a bus
             continue
         if arm.IO and robot in robots:
-            key = ("arms", index, "name_on_IO" if arm.name_on_IO else "name")
-            system.error(key, f"{robots[robot]} uses this robot already", "a different robot for every arm")
+            part.error("name_on_IO" if arm.name_on_IO else "name", f"{robots[robot]} already uses this robot",
+                       "a different robot for every arm")
         robots.setdefault(robot, arm.name)
 
 
@@ -224,24 +235,17 @@ def _with_boards(
     system: SystemFiles, arms: list[LoadedArm], carts: tuple[document.Cart, ...], address: Callable[[int], str]
 ) -> tuple[tuple[document.IoConfig, ...], document.EmulationConfig | None]:
     """The rows of `io` processes, for buses and KINEMATIC arms, and the emulation of boards, if any."""
-    started = [loaded for loaded in arms if loaded.starts]
     real = [loaded for loaded in arms if not loaded.is_kinematic]
-    for bus in system.buses.values():
-        if not bus.has_boards:
-            system.note(f"not started: {bus.keys.name} (no file describes it)")
     used = [bus for bus in system.buses.values() if bus.has_boards]
+    for name in [name for name, bus in system.buses.items() if bus not in used]:
+        system.note(f"not started: {name} (no file describes it)")
     emulation = build_emulation(system, real, address) if system.emulated else None
     ports = ports_of(emulation.buses) if emulation else {}
-    ios = with_brakes([_io(system, bus, started, ports) for bus in used], carts)
+    every = tuple(_io(system, bus, real, ports) for bus in used)
+    ios = with_brakes([_io(system, bus, [loaded for loaded in arms if loaded.starts], ports) for bus in used], carts)
     kinematic = _kinematic(system, [loaded for loaded in arms if loaded.is_kinematic])
-    if kinematic and system.options.io.tasks:
-        names = ", ".join(robot.name for robot in kinematic[0].robots)
-        system.note(f"in-cycle tasks need boards: none runs for {names}")
-    if emulation:
-        every = tuple(_io(system, bus, real, ports) for bus in used)
-        bodies = tuple(loaded.arm for loaded in real)
-        if every != ios or kinematic or any(loaded.arm != loaded.commanded for loaded in real):
-            emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
+    if emulation and (every != ios or kinematic or any(loaded.arm != loaded.commanded for loaded in real)):
+        emulation = dataclasses.replace(emulation, ios=every, arms=tuple(loaded.arm for loaded in real))
     return with_tasks(system, ios) + kinematic, emulation
 
 
@@ -264,8 +268,8 @@ def _io(system: SystemFiles, bus: BusFiles, arms: list[LoadedArm], ports: Mappin
     keys, options = bus.keys, system.options
     mine = sorted((loaded for loaded in arms if loaded.arm.io == keys.name), key=lambda loaded: not loaded.starts)
     robots = {loaded.robot.name: loaded.robot for loaded in mine}
-    for path, index, robot in bus.robots():
-        robots.setdefault(robot.name, convert.robot(robot, str(path), bus.tables.get((path, index), "")))
+    for part in bus.robots():
+        robots.setdefault(part.content.name, bus.robot(part))
     files = bus.contents()
     return convert.by_name(
         document.IoConfig, keys, options.io,
@@ -276,9 +280,8 @@ def _io(system: SystemFiles, bus: BusFiles, arms: list[LoadedArm], ports: Mappin
         calibration_mode=options.calibration_mode,
         robots=tuple(robots.values()),
         pids=tuple(loaded.pid for loaded in mine),
-        digital_inputs=tuple(convert.digital_input(row) for file in files for row in file.digital_inputs),
-        instrument_readers=tuple(convert.by_name(document.InstrumentReader, row)
-                                 for file in files for row in file.dallas_chips),
+        digital_inputs=tuple(row for file in files for row in file.digital_inputs),
+        instrument_readers=tuple(row for file in files for row in file.dallas_chips),
         digital_outputs=tuple(convert.digital_output(row, robots) for file in files for row in file.digital_outputs),
         tasks=(),  # see `with_tasks`
     )
@@ -289,18 +292,12 @@ def _kinematic(system: SystemFiles, arms: list[LoadedArm]) -> tuple[document.IoC
     if not arms:
         return ()
     options = system.options.io
+    if options.tasks:
+        names = ", ".join(loaded.robot.name for loaded in arms)
+        system.note(f"in-cycle tasks need boards: none runs for {names}")
     asked = min((loaded.pid_period_s for loaded in arms if loaded.pid_period_s > 0.0), default=PERIOD_S)
     return (convert.by_name(
-        document.IoConfig, options,
-        name=KINEMATIC_IO,
-        port="",
-        protocol="",
+        document.IoConfig, options, name=KINEMATIC_IO, port="", protocol="",
         period_s=system.own(KINEMATIC_IO).period_s or options.period_s or asked,
-        watchdog_s=0.0,
-        current_error_a=0.0,
-        close_all_relays=False,
-        robots=tuple(loaded.robot for loaded in arms),
-        pids=tuple(loaded.pid for loaded in arms if loaded.starts),
-        digital_inputs=(),
-        tasks=(),
-    ),)
+        watchdog_s=0.0, current_error_a=0.0, close_all_relays=False, robots=tuple(loaded.robot for loaded in arms),
+        pids=tuple(loaded.pid for loaded in arms if loaded.starts), digital_inputs=(), tasks=()),)

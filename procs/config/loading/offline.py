@@ -37,25 +37,19 @@ class OfflineArm:
 
 def load_offline(
     kinematic: Path | None, tool: Path | None, arm: Path | None, *, search: Sequence[Path] = (),
-    configs: Path = PROJECT_CONFIGS,
 ) -> tuple[OfflineArm | None, tuple[FileProblem, ...]]:
     """An arm from a kinematic file or an arm file, or both; a given file replaces the one named in the arm file.
 
-    None with errors. `search`: the folders of `--path`; the files themselves are also searched there and in `configs`.
+    None with errors. `search`: the folders of `--path`; the files themselves are also searched there and in `configs/`.
     """
-    kinematic, tool, arm = (given_file(path, search, configs) if path is not None else None
-                            for path in (kinematic, tool, arm))
-    absent = [FileProblem(str(path), 0, "", "", not_found(path, search, configs), "a file")
-              for path in (kinematic, tool, arm) if path is not None and not path.exists()]
+    given = [given_file(path, search, PROJECT_CONFIGS) if path is not None else None for path in (kinematic, tool, arm)]
+    absent = [FileProblem(str(path), 0, "", "", not_found(path, search, PROJECT_CONFIGS), "a file")
+              for path in given if path is not None and not path.exists()]
     if absent:
         return None, tuple(absent)
-    context = Context.beside([path for path in (arm, kinematic, tool) if path is not None], search, configs)
-    found = _of_arm_file(context, arm, kinematic) if arm is not None else None
-    if found is None and arm is None and kinematic is not None:
-        chain = load_chain(context, kinematic)
-        if chain is not None:
-            weighs = any(link.mass > 0.0 or any(link.com) for link in chain.links)  # an ECM's is that of its camera
-            found = OfflineArm(BY_JOINTS.get(len(chain.links), ""), chain, weights=chain if weighs else None)
+    kinematic, tool, arm = given
+    context = Context.beside([path for path in (arm, kinematic, tool) if path is not None], search, PROJECT_CONFIGS)
+    found = _of_chain(load_chain(context, kinematic)) if arm is None else _of_arm_file(context, arm, kinematic)
     chosen = load_tool(context, tool, tool.stem) if tool is not None else None
     problems = tuple(dict.fromkeys(context.problems))
     if found is None or any(problem.severity == ERROR for problem in problems):
@@ -65,6 +59,13 @@ def load_offline(
     return found, problems
 
 
+def _of_chain(chain: document.Chain | None) -> OfflineArm | None:
+    if chain is None:
+        return None
+    weighs = any(link.mass > 0.0 or any(link.com) for link in chain.links)  # an ECM's is that of its camera
+    return OfflineArm(BY_JOINTS.get(len(chain.links), ""), chain, weights=chain if weighs else None)
+
+
 def _of_arm_file(context: Context, path: Path, kinematic: Path | None) -> OfflineArm | None:
     read = context.read(path)
     if read is None:
@@ -72,7 +73,7 @@ def _of_arm_file(context: Context, path: Path, kinematic: Path | None) -> Offlin
     arm_type = kind_of(read.source.data).upper()
     if arm_type not in ARM_TYPES:
         *most, last = (name.lower() for name in ARM_TYPES)
-        read.error(("$id",), "is no arm file", f"dvrk-{', dvrk-'.join(most)} or dvrk-{last}.schema.json")
+        read.error("$id", "is no arm file", f"dvrk-{', dvrk-'.join(most)} or dvrk-{last}.schema.json")
         return None
     opened = context.open(class_of(ARM_TYPES[arm_type].arm_file, ArmFile), path)
     if opened is None:

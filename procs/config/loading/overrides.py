@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.read.jsontext import TextError
@@ -14,20 +14,16 @@ SECTION = "trocar"
 PROCESSES: KeyPath = (SECTION, "processes")
 
 
-def apply_overrides(source: SourceFile, sets: Mapping[str, str] | Sequence[str]) -> tuple[SourceFile,
-                                                                                          list[FileProblem]]:
+def apply_overrides(source: SourceFile, sets: Sequence[str]) -> tuple[SourceFile, list[FileProblem]]:
     """`source` with all `--set` options in its `trocar` section; keys may have a leading `trocar.`."""
     problems: list[FileProblem] = []
     pairs: list[tuple[str, str]] = []
-    if isinstance(sets, Mapping):
-        pairs = list(sets.items())
-    else:
-        for item in sets:
-            name, equals, text = item.partition("=")
-            if equals:
-                pairs.append((name, text))
-            else:
-                problems.append(_problem("", item, "no equals sign", "key=value"))
+    for item in sets:
+        name, equals, text = item.partition("=")
+        if equals:
+            pairs.append((name, text))
+        else:
+            problems.append(_problem("", item, "no equals sign", "key=value"))
     section = source.data.get(SECTION)
     data = {**source.data, SECTION: _copy(section) if isinstance(section, dict) else {}}
     keys: list[KeyPath] = []
@@ -67,6 +63,7 @@ def _write(data: dict[str, object], key: tuple[str, ...], value: object) -> bool
         here = inner
     here[key[-1]] = value
     return True
+
 
 def with_named_processes(system: Opened[None]) -> SourceFile:
     """Convert a list of processes with names into the equivalent object with these names as keys."""

@@ -19,14 +19,12 @@ from trocar.procs.config.models.trocar_section import ProcessKeys, TrocarSection
 from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.document import system as document
 from trocar.procs.document.process import ELSEWHERE, ON_DEMAND
-from trocar.procs.tables.manifest import PROCS, Proc, proc
+from trocar.procs.tables.manifest import PROCS, ROBOTS, Proc, ProcessInstance, proc
 
 HIGHEST: Final = 98
 ABOVE: Final = 5
 _DECLARED: Final = {"module", "topics", "commands", "properties", "host"}  # of a user's process
 LEAST: Final = 4
-ROBOTS: Final = ("io", "arm", "above arms")
-"""Priorities of processes that move robots; an io without boards needs no core of its own."""
 Core = tuple[int, ...]
 """Numbers of the processors of one core (two with hyper-threading)."""
 
@@ -73,27 +71,28 @@ def build_processes(system: SystemFiles, made: document.SystemConfig,
     found = [(kind, row) for kind in PROCS for row in kind.instances(made)]
     known = dict.fromkeys(row.name for _, row in found)
     users = {name for row in made.users for name in (row.name, row.host) if name}
-    hosts = {row.name: row.host for row in made.users}
     for name in users & {row.name for kind, row in found if not kind.declared}:
         system.error((*PROCESSES, name), "this name is taken by a process of Trocar", "a unique name")
     for name in system.options.processes:
         if name not in known:
-            allowed = f"one of {', '.join(known)}"
-            system.error((*PROCESSES, name), "no process of this name is started", allowed)
-    rows = []
-    for kind, row in found:
-        after = tuple(name for name in dict.fromkeys(row.after) if name in known)
-        priority, cpu = _scheduled(kind.priority, system.options)
-        usual = document.Process(row.name, kind.kind, row.period_s or kind.period_s, after, priority=priority,
-                                 cpus=places.of(kind, row.name) if cpu is None else (cpu,),
-                                 start=row.start or kind.start, host=hosts.get(row.name, ""), listen=row.listen)
-        rows.append(_with_options(usual, system.own(row.name)))
-    waits = {row.name for row in rows if row.start == ON_DEMAND}  # no process waits for one on demand
-    given = tuple(dataclasses.replace(row, after=tuple(name for name in row.after if name not in waits))
+            system.unlisted((*PROCESSES, name), "no process of this name is started", known)
+    hosts = {row.name: row.host for row in made.users}
+    rows = [_with_options(_usual(system, kind, row, hosts.get(row.name, ""), places), system.own(row.name))
+            for kind, row in found]
+    waited = known.keys() - {row.name for row in rows if row.start == ON_DEMAND}  # no process waits for one on demand
+    given = tuple(dataclasses.replace(row, after=tuple(name for name in dict.fromkeys(row.after) if name in waited))
                   for row in rows)
     _check_demand(system, given)
     _check_cpus(system)
     return given
+
+
+def _usual(system: SystemFiles, kind: Proc, row: ProcessInstance, host: str, places: Placement) -> document.Process:
+    """A process with the values of its kind and section."""
+    priority, cpu = _scheduled(kind.priority, system.options)
+    return document.Process(row.name, kind.kind, row.period_s or kind.period_s, tuple(row.after), priority=priority,
+                            cpus=places.of(kind, row.name) if cpu is None else (cpu,), start=row.start or kind.start,
+                            host=host, listen=row.listen)
 
 
 def _check_cpus(system: SystemFiles) -> None:

@@ -9,7 +9,7 @@ import ast
 import dataclasses
 import importlib.util
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Final
 
@@ -18,8 +18,7 @@ from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.loading.convert import by_name
 from trocar.procs.config.loading.overrides import PROCESSES
 from trocar.procs.config.models.system_file import RESERVED, ArmKeys
-from trocar.procs.config.models.trocar_section import ProcessKeys
-from trocar.procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
+from trocar.procs.config.models.trocar_section import ProcessKeys, PropertyKeys
 from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.config.read.search import expanded
 from trocar.procs.config.read.validate import is_name
@@ -27,9 +26,12 @@ from trocar.procs.document import system as document
 from trocar.procs.document.process import ON_DEMAND
 from trocar.procs.document.user_process import (
     PROPERTIES,
+    ROS_PAYLOADS,
     SAVE_PROPERTIES,
     SET_PROPERTY,
     Property,
+    RosPayload,
+    RosTopic,
     UserCommand,
     UserProcess,
     UserTopic,
@@ -71,7 +73,7 @@ def _check_syntax(system: Opened[object], key: KeyPath, path: Path) -> None:
     try:
         ast.parse(path.read_bytes(), str(path))
     except SyntaxError as wrong:
-        system.error(key, f"{path} line {wrong.lineno}: {wrong.msg}", "Python without syntax errors")
+        system.error(key, f"{path} line {wrong.lineno}: {wrong.msg}", "Python code without syntax errors")
     except (OSError, ValueError) as wrong:
         system.error(key, f"{path}: {wrong}", "a file with Python that can be read")
 
@@ -115,7 +117,7 @@ def _check_budgets(system: SystemFiles, io: document.IoConfig, tasks: list[docum
 
 def derived_class(system: SystemFiles, key: KeyPath, keys: ArmKeys) -> str:
     """The class of a derived arm, as module:Class; "" for the class of its type."""
-    module, _, name = keys.component.rpartition(".")
+    module, _, name = keys.component.name.rpartition(".")
     if not keys.type.endswith(DERIVED) or not module:
         return ""
     if not name.isidentifier():
@@ -166,7 +168,7 @@ def _check_host(system: SystemFiles, key: KeyPath, row: ProcessKeys, name: str) 
     for given in (given for given in _OF_A_PROCESS if getattr(row, given)):
         system.error((*key, given), f"{name} calls its update", f"this key at {name}, or no host")
     if host.start == ON_DEMAND:
-        system.error((*PROCESSES, name, "start"), "several share it", "always")
+        system.error((*PROCESSES, name, "start"), "several filters share this process", "always")
     return host.period_s or PERIOD_S
 
 
@@ -179,10 +181,11 @@ def _process(system: SystemFiles, key: KeyPath, name: str, row: ProcessKeys, per
         system.error((*key, "priority"), "it has normal scheduling, so that it never delays a robot", "0, or none")
     _check_once(system, (*key, "topics"), [topic.name for topic in row.topics], _TAKEN)
     _check_once(system, (*key, "properties"), [prop.name for prop in row.properties], set())
+    module = _module_of(system, (*key, "module"), row.module or "")
+    for topic in system.each((*key, "topics"), row.topics):
+        _check_topic(system, topic)
     return UserProcess(
-        name, _module_of(system, (*key, "module"), row.module or ""), period_s,
-        tuple(_topic(system, (*key, "topics", i), topic) for i, topic in enumerate(row.topics)),
-        _commands(system, (*key, "commands"), row.commands),
+        name, module, period_s, row.topics, _commands(system, (*key, "commands"), row.commands),
         tuple(_property(system, (*key, "properties", i), prop) for i, prop in enumerate(row.properties)),
         row.host or "")
 
@@ -195,19 +198,51 @@ def _check_once(system: SystemFiles, key: KeyPath, names: Iterable[str], taken: 
         seen.add(name)
 
 
-def _topic(system: SystemFiles, key: KeyPath, row: TopicKeys) -> UserTopic:
-    _check_once(system, (*key, "fields"), [field.name for field in row.fields], {"sequence", "stamp_ns"})
+def _check_topic(system: SystemFiles, part: Opened[UserTopic]) -> None:
+    row = part.content
+    _check_once(system, part.path("fields"), [field.name for field in row.fields], {"sequence", "stamp_ns"})
     size = sum(size_of(field.type) for field in row.fields)
     if size > _MAX_RECORD:
-        system.error(key, f"a record of {size} bytes", f"at most {_MAX_RECORD}")
-    for index, field in enumerate(row.fields):
-        bare, shape = shape_of(field.type)
+        part.error("", f"a record of {size} bytes", f"at most {_MAX_RECORD}")
+    for field in part.each("fields", row.fields):
+        bare, shape = shape_of(field.content.type)
         if bare == "text" and (len(shape) > 1 or (shape and shape[0] > 9999)):
-            system.error((*key, "fields", index, "type"), "too long a text", "text[1] to text[9999]")
-    return by_name(UserTopic, row)
+            field.error("type", "too long a text", "text[1] to text[9999]")
+    if row.ros is not None:
+        _check_ros(part, row.ros)
 
 
-def _commands(system: SystemFiles, key: KeyPath, rows: Sequence[CommandKeys]) -> tuple[UserCommand, ...]:
+def _check_ros(part: Opened[UserTopic], ros: RosTopic) -> None:
+    """Check that the fields, joints and frame fit the message."""
+    payload, counts = ROS_PAYLOADS[ros.message], {"joints": len(ros.joints)} if ros.joints else {}
+    allowed = f"{'' if payload.is_whole else 'one or more of '}{_in_words(payload)}"
+    sizes = dict(payload.fields)
+    taken = [field for field in part.each("fields", part.content.fields) if field.content.name in sizes]
+    for field in taken:
+        name, (bare, shape) = field.content.name, shape_of(field.content.type)
+        counts[name] = math.prod(shape) if bare != "text" else 1
+        fits = bare in payload.types and sizes[name] in (0, counts[name])
+        if not fits or (not payload.kind and shape and bare != "text"):
+            field.error("type", f"{field.content.type} does not fit {ros.message}", allowed)
+    numbers = ", ".join(f"{name} {count}" for name, count in counts.items())
+    is_lacking = not taken or (payload.is_whole and len(taken) < len(sizes))
+    for key, is_wrong, text, instead in (
+        ("message", is_lacking, f"{ros.message} lacks its fields", allowed),
+        ("", len(set(counts.values())) > 1, f"unequal numbers of elements: {numbers}", "equal numbers"),
+        ("joints", ros.joints and payload.kind != "js", f"{ros.message} has no joints", "no joints"),
+        ("frame", ros.frame and payload.kind in ("", "numbers"), f"{ros.message} has no frame", "no frame"),
+    ):
+        if is_wrong:
+            part.error(f"ros.{key}", text, instead)
+
+
+def _in_words(payload: RosPayload) -> str:
+    """The fields of a message as they are declared."""
+    return ", ".join(f"{name} ({payload.types[0]}{f'[{count}]' if count > 1 else '[…]' if not count else ''})"
+                     for name, count in payload.fields)
+
+
+def _commands(system: SystemFiles, key: KeyPath, rows: tuple[UserCommand, ...]) -> tuple[UserCommand, ...]:
     _check_once(system, key, [command.name for command in rows], {SET_PROPERTY, SAVE_PROPERTIES})
     for index, row in enumerate(rows):
         _check_once(system, (*key, index, "arguments"), [field.name for field in row.arguments], set())
@@ -216,7 +251,7 @@ def _commands(system: SystemFiles, key: KeyPath, rows: Sequence[CommandKeys]) ->
         if numbers > _MAX_NUMBERS or len(texts) > 1 or any(size_of(field.type) > _MAX_TEXT for field in texts):
             system.error((*key, index), f"{numbers} numbers and {len(texts)} texts",
                          f"{_MAX_NUMBERS} numbers and one text of {_MAX_TEXT} bytes at most")
-    return tuple(by_name(UserCommand, row) for row in rows)
+    return rows
 
 
 def _property(system: SystemFiles, key: KeyPath, row: PropertyKeys) -> Property:

@@ -1,4 +1,4 @@
-"""Arm files (`dvrk-psm|ecm|mtm.schema.json`, version "1"): kinematics, tool and behaviour of one arm."""
+"""Arm files (`dvrk-psm|ecm|mtm.schema.json`, version "1"), and files of setup joints, which carry the arms."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from trocar.procs.config.read.validate import Section, VersionAsText
+from trocar.procs.config.models.kinematic_file import DhKeys
+from trocar.procs.config.read.validate import MatrixRows, Name, Rows, Section, VersionAsText
 from trocar.procs.kinematics.endoscopes import NAMES
 
 Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
@@ -49,7 +50,94 @@ class MtmFile(ArmFile):
 
     id: Literal["dvrk-mtm.schema.json"] = Field(default="dvrk-mtm.schema.json", alias="$id")
     platform_gain: float = Field(default=0.5, ge=0.0, le=1.0)
-    gripper_events_debounce: float = Field(default=0.2, ge=0.0, description="s")
-    gripper_events_zero: float = 0.0
+    gripper_debounce_s: float = Field(default=0.2, ge=0.0, description="s", alias="gripper_events_debounce")
+    gripper_zero: float = Field(default=0.0, alias="gripper_events_zero")
     kinematic_type: Literal["ITERATIVE", "CLOSED"] = "ITERATIVE"
     gravity_compensation: str = ""
+
+
+JOINTS, PLUGS = 6, 4
+
+Joints = Annotated[Rows[float], Field(min_length=JOINTS, max_length=JOINTS, description=f"{JOINTS} numbers")]
+Three = Annotated[Rows[float], Field(min_length=3, max_length=3, description="3 numbers")]
+SetupName = Annotated[Name, Field(max_length=24)]
+Address = Annotated[
+    str, Field(pattern=r"^(([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2})?$", description="a Bluetooth address; empty: no board")]
+
+
+class FrameKeys(Section):
+    """A pose, m."""
+
+    Translation: Three
+    Rotation: MatrixRows
+
+
+class MeasuredArmKeys(Section):
+    """One setup arm with potentiometers, from V (Si: counts) to rad or m."""
+
+    name: SetupName
+    serial_number: str = ""
+    primary_offsets: Rows[float] | None = None
+    primary_scales: Rows[float] | None = None
+    secondary_offsets: Rows[float] | None = None
+    secondary_scales: Rows[float] | None = None
+    primary_secondary_weight: object = 0.5  # a number for all joints, or one for each
+    simulated_position: Rows[float] | None = None
+    DH: DhKeys | None = None
+    world_origin_to_SUJ: FrameKeys | None = None
+    SUJ_tip_to_tool_origin: FrameKeys | None = None
+
+
+class SetupArmKeys(MeasuredArmKeys):
+    """One Classic setup arm: currents in A."""
+
+    type: Literal["ECM", "PSM", "Motorized PSM"]
+    plug: int = Field(ge=1, le=PLUGS, alias="plug_number")
+    release_current: float = Field(default=0.0, ge=-20.0, le=20.0, description="A", alias="brake_release_current")
+    engaged_current: float = Field(default=0.0, ge=-20.0, le=20.0, description="A", alias="brake_engaged_current")
+    primary_offsets: Joints | None = None
+    primary_scales: Joints | None = None
+    secondary_offsets: Joints | None = None
+    secondary_scales: Joints | None = None
+    simulated_position: Joints | None = None
+
+    @property
+    def lifts(self) -> bool:
+        """Whether a motor moves its first joint."""
+        return self.type == "Motorized PSM"
+
+
+class SetupFile(Section):
+    """The arms of one Classic patient cart."""
+
+    arms: Rows[SetupArmKeys] = Field(min_length=1)
+    reference_arm: str = "ECM"
+
+
+class SiArmKeys(MeasuredArmKeys):
+    """One Si setup arm, with a board that reads its potentiometers over Bluetooth."""
+
+    arduino_mac: Address | None = None
+
+
+class SiSetupFile(Section):
+    """The arms of one Si patient cart."""
+
+    arms: Rows[SiArmKeys] = Field(min_length=1)
+    base_arduino_mac: Address | None = None
+    reference_arm: str = "ECM"
+
+
+class FixedArmKeys(Section):
+    """One arm in a fixed position."""
+
+    name: SetupName
+    measured_cp: MatrixRows
+
+
+class FixedSetupFile(Section):
+    """Arms on fixed stands."""
+
+    arms: Rows[FixedArmKeys] = Field(min_length=1)
+    reference_arm: str = "ECM"
+    reference_arm_as_before: str = Field(default="", alias="reference-arm")  # the key that the original reads

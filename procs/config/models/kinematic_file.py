@@ -1,12 +1,13 @@
-"""Kinematic files, tool files and the tool index: Denavit-Hartenberg rows, limits, masses, couplings."""
+"""Kinematic files, tool files, the tool index, and weights measured on a master."""
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from trocar.procs.config.read.validate import MatrixRows, Rows, Section
+from trocar.procs.config.read.validate import Keys, MatrixRows, Rows, Section, keys_of
+from trocar.procs.document.arms import JawConfig, MasterGravityParameters
 
 
 class LinkKeys(Section):
@@ -14,16 +15,16 @@ class LinkKeys(Section):
 
     name: str = ""
     convention: Literal["standard", "modified"] | None = None
-    type: Literal["revolute", "prismatic"]
+    joint_type: Literal["revolute", "prismatic"] = Field(alias="type")
     mode: Literal["active", "passive"] = "active"
     alpha: float
-    A: float
+    a: float = Field(alias="A")
     theta: float
-    D: float
+    d: float = Field(alias="D")
     offset: float = 0.0
-    qmin: float = 0.0
-    qmax: float = 0.0
-    ftmax: float = Field(default=0.0, ge=0.0)
+    lower: float = Field(default=0.0, alias="qmin")
+    upper: float = Field(default=0.0, alias="qmax")
+    effort_max: float = Field(default=0.0, ge=0.0, alias="ftmax")
     mass: float = Field(default=0.0, ge=0.0)
     cx: float = 0.0
     cy: float = 0.0
@@ -56,30 +57,22 @@ class DhKeys(Section):
 class CouplingKeys(Section):
     """Coupling of actuators to joints; the inverse, and that of efforts, are derived from it."""
 
-    ActuatorToJointPosition: MatrixRows
+    actuator_to_joint: MatrixRows = Field(alias="ActuatorToJointPosition")
 
 
 class KinematicFile(Section):
     """A kinematic chain."""
 
     DH: DhKeys
-    base_offset: MatrixRows | None = Field(default=None, alias="base-offset")
+    base: MatrixRows | None = Field(default=None, alias="base-offset")
     coupling: CouplingKeys | None = None
-
-
-class JawKeys(Section):
-    """Range in rad, effort limit in N·m."""
-
-    qmin: float
-    qmax: float
-    ftmax: float = Field(ge=0.0)
 
 
 class EngageKeys(Section):
     """Actuator positions of the last four axes between which a tool is engaged, rad."""
 
-    lower: Rows[float]
-    upper: Rows[float]
+    engage_lower: Rows[float] = Field(alias="lower")
+    engage_upper: Rows[float] = Field(alias="upper")
 
 
 class ToolFile(Section):
@@ -92,11 +85,11 @@ class ToolFile(Section):
     }
 
     DH: DhKeys
-    jaw: JawKeys
-    tooltip_offset: MatrixRows
+    jaw: Keys[JawConfig]
+    tip: MatrixRows = Field(alias="tooltip_offset")
     coupling: CouplingKeys
     tool_engage_position: EngageKeys
-    snake_like: bool = Field(default=False, alias="snake-like")
+    snake: bool = Field(default=False, alias="snake-like")
 
 
 class InstrumentKeys(Section):
@@ -115,3 +108,24 @@ class ToolIndexFile(Section):
     """Instruments with their files."""
 
     instruments: Rows[InstrumentKeys] = Field(min_length=1)
+
+
+@keys_of(MasterGravityParameters)
+class GravityControllerKeys(Section):
+    """Parameters for gravity compensation; the limits and start of the measurement are not used."""
+
+    GC_init_pos: Any = None
+    joint_position_upper_limit: Any = None
+    joint_position_lower_limit: Any = None
+
+
+class GravityFile(Section):
+    """The whole file: parameters of the controller, and data of the measurement."""
+
+    version: Literal["2.0"]
+    GC_controller: GravityControllerKeys
+    ARM_NAME: str = ""
+    SN: str = ""
+    date_time: str = ""
+    lse: Any = None
+    GC_Test: Any = None

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
-from trocar.procs.config.read.validate import MatrixRows, Name, Rows, SafetySection, Section, VersionAsText
+from trocar.procs.config.read.validate import MatrixRows, Name, Rows, SafetySection, Section, VersionAsText, keys_of
+from trocar.procs.document.bridges import RosArm
+from trocar.procs.document.consoles import TeleopEcmConfig, TeleopPsmConfig
+from trocar.procs.document.system import SystemConfig
 from trocar.procs.fpga.port_name import PORTS, PortName
 from trocar.procs.tables.arm_types import ARM_TYPES
 
@@ -36,15 +39,6 @@ def _known_port(port: str) -> str:
 
 
 Port = Annotated[str, AfterValidator(_known_port), Field(description=PORTS)]
-Protocol = Literal[
-    "sequential-read-write",
-    "srw",
-    "sequential-read-broadcast-write",
-    "srbw",
-    "broadcast-query-read-write",
-    "bqrw",
-    "brw",
-]
 
 
 class IoKeys(SafetySection):
@@ -52,7 +46,7 @@ class IoKeys(SafetySection):
 
     name: Name
     port: Port
-    protocol: Protocol = "broadcast-query-read-write"
+    protocol: Literal[tuple(PROTOCOLS)] = "broadcast-query-read-write"  # type: ignore[valid-type]  # a table's
     period: float = Field(default=PERIOD_S, ge=0.0001, le=0.1, description="s")
     watchdog_timeout: float = Field(default=WATCHDOG_S, description="s; 0 or less switches it off")
     configuration_files: Rows[str] = ()
@@ -83,6 +77,24 @@ class BaseFrameKeys(SafetySection):
     interface: str | None = None
 
 
+def _named(component: object) -> object:
+    """A component given by its name alone."""
+    return {"name": component} if isinstance(component, str) else component
+
+
+@keys_of(RosArm)
+class ComponentKeys(SafetySection):
+    """The component that provides an arm; `from: ros`: an arm on ROS (docs/ros.md)."""
+
+    name: str = ""
+    source: Literal["ros"] | None = Field(default=None, alias="from")
+    if TYPE_CHECKING:
+        namespace: str | None = None
+        domain: int | None = None
+        interface: str | None = None
+        check_names: bool = True
+
+
 TYPES = (*(name + how for name in ARM_TYPES for how in ("", "_DERIVED", "_GENERIC")), "SUJ_Classic", "SUJ_Si",
          "SUJ_Fixed", "FOCUS_CONTROLLER")
 
@@ -103,7 +115,7 @@ class ArmKeys(SafetySection):
     period: float = Field(default=PERIOD_S, ge=0.0001, le=0.1, description="s")
     PID_period: float = Field(default=0.0, ge=0.0, le=0.1, description="s; 0 runs the PID in the cycle of its bus")
     skip_ROS_bridge: bool = False
-    component: str = ""
+    component: Annotated[ComponentKeys, BeforeValidator(_named)] = ComponentKeys()
     interface: str = ""
     base_frame: BaseFrameKeys | None = None
 
@@ -118,24 +130,11 @@ class GripperScalingKeys(SafetySection):
     max: float = 1.0471976
 
 
+@keys_of(TeleopPsmConfig)
 class TeleopPsmParameters(SafetySection):
     """Parameters of a PSM teleoperation; angles in rad."""
 
-    scale: float = Field(default=0.2, gt=0.0, le=1.0)
-    rotation_locked: bool = False
-    translation_locked: bool = False
-    align_MTM: bool = True
-    start_orientation_tolerance: float = Field(default=0.0872665, ge=0.0)
-    orientation_tolerance_after_clutch: float = Field(default=0.0349066, ge=0.0)
-    start_gripper_threshold: float = Field(default=0.6981317, ge=0.0)
-    start_roll_threshold: float = Field(default=0.0698132, ge=0.0)
-    ignore_jaw: bool = False
-    jaw_rate: float = Field(default=12.5663706, gt=0.0)
-    jaw_rate_after_clutch: float = Field(default=0.6283185, gt=0.0)
     gripper_scaling: GripperScalingKeys = GripperScalingKeys()
-    use_MTM_linear_velocity: bool = True
-    use_MTM_angular_velocity: bool = False
-    MTM_is_haptic: bool = True
 
 
 class TeleopPsmKeys(SafetySection):
@@ -152,12 +151,9 @@ class TeleopPsmKeys(SafetySection):
     interface: str = ""
 
 
+@keys_of(TeleopEcmConfig)
 class TeleopEcmParameters(SafetySection):
     """Parameters of an ECM teleoperation."""
-
-    scale: float = Field(default=0.2, gt=0.0, le=1.0, description="of the insertion")
-    camera_roll_offset: float = Field(default=0.0, description="rad")
-    check_MTMs_workspace: bool = True
 
 
 class TeleopEcmKeys(SafetySection):
@@ -178,14 +174,8 @@ class ConsoleKeys(SafetySection):
     """One operator's console."""
 
     name: Name
-    input_type: Literal[
-        "PEDALS_ONLY",
-        "PEDALS_ISI_HEAD_SENSOR",
-        "PEDALS_DVRK_HEAD_SENSOR",
-        "PEDALS_GOOVIS_HEAD_SENSOR",
-        "SIMULATED",
-        "COMPONENTS",
-    ]
+    input_type: Literal["PEDALS_ONLY", "PEDALS_ISI_HEAD_SENSOR", "PEDALS_DVRK_HEAD_SENSOR", "PEDALS_GOOVIS_HEAD_SENSOR",
+                        "SIMULATED", "COMPONENTS"]
     IO_pedals: IoDeviceKeys | None = None
     IO_head_sensor: IoDeviceKeys | None = None
     HID_file: str = ""
@@ -196,12 +186,12 @@ class ConsoleKeys(SafetySection):
     teleop_ECMs: Rows[TeleopEcmKeys] = ()
 
 
+@keys_of(SystemConfig)
 class SettingsKeys(Section):
     """Miscellaneous settings."""
 
     chatty: bool = False
     path: Rows[str] = ()
-    audio_volume: float = Field(default=0.5, ge=0.0, le=1.0)
 
 
 class SystemFile(Section):
@@ -214,5 +204,5 @@ class SystemFile(Section):
     consoles: Rows[ConsoleKeys] = ()
     ISI_focus_controller: IoDeviceKeys | None = None
     settings: SettingsKeys = SettingsKeys()
-    component_manager: object = None  # of any form: it is not used, see components.py
+    component_manager: object = None  # of any form: it is not used, see third_parties.py
     trocar: dict[str, object] | None = None  # checked separately: unknown keys are errors there

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import functools
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from trocar.procs.machine.paths import dangling
 
 _YAML = (".yaml", ".yml")
 _LARGEST = 4_000_000  # bytes; the largest known file, a potentiometer table, has 0.5 MB
+_KEPT = 50_000  # characters; larger texts are not kept in memory
 _OTHER = {stat.S_IFIFO: "a named pipe", stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device",
           stat.S_IFBLK: "a device"}
 _MISSING = object()
@@ -22,7 +24,10 @@ _MISSING = object()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFile:
-    """One file. `overrides`: key paths whose values are from the command line (--set)."""
+    """One file. `overrides`: key paths whose values are from the command line (--set).
+
+    `data` is never changed: files of the same text share it.
+    """
 
     path: Path
     data: dict[str, object]
@@ -112,11 +117,18 @@ def read_source(path: Path) -> tuple[SourceFile | None, list[FileProblem]]:
         return None, [FileProblem(name, 1, "", "", "this is XML, as before dVRK 2.4, which is not read", allowed)]
     is_yaml = path.suffix.lower() in _YAML
     try:
-        parsed = parse_yaml(text) if is_yaml else parse_json(text)
+        parsed = (_again if len(text) <= _KEPT else _parse)(text, is_yaml)
     except TextError as bad:
         what = f"broken {'YAML' if is_yaml else 'JSON'}, column {bad.column}: {bad.what}"
         return None, [FileProblem(name, bad.line, "", "", what)]
     return _as_source(path, parsed)
+
+
+def _parse(text: str, is_yaml: bool) -> Parsed:
+    return parse_yaml(text) if is_yaml else parse_json(text)
+
+
+_again = functools.lru_cache(maxsize=64)(_parse)  # a program may load a system, or several, repeatedly
 
 
 def _as_source(path: Path, parsed: Parsed) -> tuple[SourceFile | None, list[FileProblem]]:

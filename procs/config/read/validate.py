@@ -5,20 +5,20 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
-import difflib
+import functools
 import re
-import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, TypeAlias, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
-from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem, KeyPath
+from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem, KeyPath, key_text
+from trocar.procs.config.read.shapes import ANY, Shape, fields_of, folded, is_model, meant_by, shape_of, unwrapped
 from trocar.procs.config.read.source import SourceFile
-from trocar.procs.document.keys import Key, keys_in
+from trocar.procs.document.keys import NAME, Key, keys_in
 from trocar.procs.fpga.port_name import PortNameError
 
 Item = TypeVar("Item")
@@ -26,13 +26,12 @@ ModelType = TypeVar("ModelType", bound=BaseModel)
 
 Rows = Annotated[tuple[Item, ...], Field(strict=False)]  # files hold lists; models hold tuples
 MatrixRows = Rows[Rows[float]]
-NAME: Final = r"^[A-Za-z0-9_-]{1,40}$"
-Name = Annotated[str, Field(pattern=NAME, description="letters, digits, _ and -, at most 40")]
+Name = Annotated[str, Field(pattern=NAME.pattern, description=NAME.text)]
 
 
 def is_name(text: str) -> bool:
     """Whether a text may be the name of a process."""
-    return re.fullmatch(NAME, text) is not None
+    return re.fullmatch(NAME.pattern, text) is not None
 
 
 def _whole_as_text(value: object) -> object:
@@ -40,13 +39,15 @@ def _whole_as_text(value: object) -> object:
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
-_SLIP = 0.75  # an unknown key of at least this similarity counts as a typing error
 _CALIBRATION = re.compile(  # a word of a name
     r"(?:^|[_-])(?:scales?|scaling|offsets?|gains?|limits?|lower|upper|qmin|qmax|ftmax|max|currents?|tolerances?|distance)"
     r"(?:[_-]|$)", re.IGNORECASE)
 _REQUIRED, _UNKNOWN = "this key is required", "unknown key"
 _COMMENT = re.compile(r"[_#/]|\$(?:schema|comment)\Z")
+_SCHEMA: KeyPath = ("$schema",)  # names the schema of a file, for editors
 _RANGES = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
+_EMPTY: Final[tuple[Any, ...]] = (None, [], {})
+_NESTED = (dict, list)
 _FORMAT: dict[KeyPath, int] = {("$id",): 0, ("$version",): 1}  # reported first: other formats cause many errors
 VersionAsText = BeforeValidator(_whole_as_text)
 
@@ -59,6 +60,8 @@ class Section(BaseModel):
     """Whether an empty section differs from an absent one."""
     needs_known_keys: ClassVar[bool] = False
     """Whether an unknown key is an error: a robot that ignores it may be less safe than its file says."""
+    further_keys_of: ClassVar[type | None] = None
+    """The class of the document to whose keys this section adds others, which the document does not have."""
 
 
 class SafetySection(Section):
@@ -73,27 +76,78 @@ def keys_of(kind: type) -> Callable[[type[ModelType]], type[ModelType]]:
     """Add the keys declared in the document's `kind` to a section, after its own."""
 
     def add(model: type[ModelType]) -> type[ModelType]:
-        declared = {field.name: _field_of(field, hint, key) for field, hint, key in keys_in(kind)}
-        fields: dict[str, Any] = {name: (field.annotation, field) for name, field in declared.items()}
+        fields: dict[str, Any] = {row[0].name: _field_of(*row) for row in keys_in(kind)}
         return create_model(model.__name__, __base__=model, __doc__=model.__doc__, __module__=model.__module__,
                             **fields)
 
     return add
 
 
-def _field_of(field: dataclasses.Field[Any], hint: Any, key: Key) -> FieldInfo:
-    """A declared key as a pydantic field."""
-    hint = typing.get_args(hint)[0]
-    default = ... if field.default is dataclasses.MISSING else None if key.is_optional else field.default
-    limits: dict[str, Any] = {"gt" if key.above else "ge": key.low, "le": key.high, "pattern": key.pattern or None,
-                              "max_length": key.max_length, "description": key.text or None}
+@functools.cache
+def section_of(kind: type, base: type[Section]) -> type[Section]:
+    """The section whose keys are the fields of the document's `kind`, with its docstring; schemas show its name."""
+    fields: dict[str, Any] = {row[0].name: _field_of(*row, base) for row in keys_in(kind, whole=True)}
+    base = next((more for more in base.__subclasses__() if more.further_keys_of is kind), base)
+    name = kind.__name__.removeprefix("User").removesuffix("Config")
+    return create_model(f"{name}Keys", __base__=base, __doc__=kind.__doc__, __module__=kind.__module__, **fields)
+
+
+class _MadeOf:
+    """`_MadeOf(Section)[UserTopic]`: values of that class of the document, each made of a section with its fields."""
+
+    def __init__(self, base: type[Section]) -> None:
+        self._base = base
+
+    def __getitem__(self, kind: type) -> Any:
+        own = {field.name for field in dataclasses.fields(kind)}  # not the further keys of a base
+        return Annotated[section_of(kind, self._base), AfterValidator(
+            lambda keys: kind(**{name: value for name, value in keys if name in own}))]
+
+
+if TYPE_CHECKING:
+    Keys: TypeAlias = Annotated[Item, Section]
+    SafetyKeys: TypeAlias = Annotated[Item, SafetySection]
+else:
+    Keys, SafetyKeys = _MadeOf(Section), _MadeOf(SafetySection)
+
+
+def _field_of(field: dataclasses.Field[Any], hint: Any, key: Key, base: type[Section] = Section) -> Any:
+    """A declared key for pydantic: its type and its field."""
+    hint = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
+    hint = Literal[key.choices] if key.choices else hint
+    is_required = field.default is dataclasses.MISSING or key.min_length
+    default = ... if is_required else None if key.is_optional else field.default
+    limits: dict[str, Any] = {
+        "gt" if key.above else "ge": key.low, "le": key.high, "pattern": key.pattern or None,
+        "min_length": key.min_length, "max_length": key.max_length, "description": key.text or None}
     if typing.get_origin(hint) is tuple:
         rows: Any = Rows
         annotated: Any = Annotated
-        hint, limits = rows[annotated[typing.get_args(hint)[0], Field(**limits)]], {}
-    elif key.is_optional:
-        hint = hint | None
-    return FieldInfo.from_annotated_attribute(hint, Field(default, alias=key.name or None, **limits))
+        limits["min_length"] = None
+        hint = rows[annotated[_in_files(typing.get_args(hint)[0], base), Field(**limits)]]
+        if key.length is not None:
+            hint = annotated[hint, AfterValidator(functools.partial(_of_length, key.length))]
+        limits = {"min_length": key.min_length, "description": f"{key.length} numbers" if key.length else None}
+    else:
+        hint = _in_files(hint, base)
+        hint = hint | None if key.is_optional else hint
+    made = FieldInfo.from_annotated_attribute(hint, Field(default, alias=key.name or None, **limits))
+    return made.annotation, made
+
+
+def _of_length(length: int, values: tuple[float, ...]) -> tuple[float, ...]:
+    if len(values) != length:
+        raise ValueError(f"{len(values)} numbers")
+    return values
+
+
+def _in_files(hint: Any, base: type[Section]) -> Any:
+    """A type of the document; if it is a class of it, or such a class or None, made of a section."""
+    bare = unwrapped(hint)[0]
+    if not dataclasses.is_dataclass(bare):
+        return hint
+    made = _MadeOf(base)[typing.cast(type, bare)]
+    return made if hint is bare else made | None
 
 
 def validate(
@@ -106,18 +160,22 @@ def validate(
     """
     data = source.at(key) if key else source.data
     content: ModelType | None = None
-    problems = list(_unknown_keys(model, source, key, data, unknown))
+    shape = shape_of(model)
+    filled = _without_empty(shape, data) if isinstance(data, _NESTED) else data
+    problems = list(_unknown_keys(shape, source, key, data, unknown))
     try:
-        content = model.model_validate(_without_empty(model, data))
+        content = model.model_validate(filled)
         return content, _with_format(model, source, key, problems)
     except ValidationError as bad:
         found = sorted(bad.errors(include_url=False), key=lambda error: _FORMAT.get(error["loc"], 2))
         inside = {error["loc"][:cut] for error in found for cut in range(len(error["loc"]))}
+        refused = {problem.key for problem in problems if problem.severity == ERROR}
         problems += [_problem(model, source, key, error) for error in found
-                     if not (error["type"] == "too_short" and error["loc"] in inside)]  # wrong rows are not missing
+                     if not (error["type"] == "too_short" and error["loc"] in inside)  # wrong rows are not missing
+                     and not _is_misspelt(model, source, (*key, *error["loc"]), refused, error)]
         if in_part and all(error["type"] in _RANGES for error in found):
             with contextlib.suppress(ValidationError):
-                content = model.model_validate(_without(_without_empty(model, data), [row["loc"] for row in found]))
+                content = model.model_validate(_without(filled, [row["loc"] for row in found]))
     return content, _with_format(model, source, key, problems)
 
 
@@ -149,28 +207,20 @@ def _unstated(source: SourceFile, where: KeyPath, allowed: str) -> FileProblem:
     return source.problem(where, text, allowed=f"{allowed}; trocar convert brings old files up to date")
 
 
-def _without_empty(annotation: Any, data: object) -> object:
+def _without_empty(shape: Shape, data: Any) -> object:
     """Remove null, empty lists and empty objects, which are absent for dVRK; keep entries by name even if empty."""
-    annotation = unwrapped(annotation)[0]
-    if isinstance(data, dict) and _holds_models(annotation):
-        inner = typing.get_args(annotation)[1]
-        return {name: _without_empty(inner, {} if item is None else item) for name, item in data.items()}
-    if isinstance(data, dict):
-        known = fields_of(annotation) if _is_model(annotation) else {}
-        return {
-            name: _without_empty(known[name].annotation if name in known else object, item)
-            for name, item in data.items()
-            if item not in (None, [], {})
-            or (item == {} and name in known and _counts_when_empty(known[name].annotation))
-        }
     if isinstance(data, list):
-        inner = typing.get_args(annotation)[0] if typing.get_origin(annotation) is tuple else object
-        return [_without_empty(inner, item) for item in data]
-    return data
-
-
-def _counts_when_empty(annotation: Any) -> bool:
-    return bool(getattr(unwrapped(annotation)[0], "counts_when_empty", False))
+        inner = shape.rows or ANY
+        return [_without_empty(inner, item) if isinstance(item, _NESTED) else item for item in data]
+    if shape.named is not None and shape.named.model is not None:
+        entries = {name: {} if item is None else item for name, item in data.items()}
+        return {name: _without_empty(shape.named, item) if isinstance(item, _NESTED) else item
+                for name, item in entries.items()}
+    return {
+        name: _without_empty(shape.fields.get(name, ANY), item) if isinstance(item, _NESTED) else item
+        for name, item in data.items()
+        if item not in _EMPTY or (item == {} and name in shape.fields and shape.fields[name].counts_when_empty)
+    }
 
 
 def _problem(model: type[BaseModel], source: SourceFile, key: KeyPath, error: Any) -> FileProblem:
@@ -193,16 +243,25 @@ def _problem(model: type[BaseModel], source: SourceFile, key: KeyPath, error: An
         return source.problem(where, "not a finite number", allowed=allowed)
     if kind == "literal_error":
         is_other = inner == ("$id",) and isinstance(error["input"], str)
-        return source.problem(where, "another kind of file" if is_other else _unlike(annotation, error["input"]),
-                              allowed=allowed)
+        text = "another kind of file" if is_other else _unlike(annotation, error["input"])
+        return source.problem(where, text, allowed=allowed)
     if kind.endswith("_type"):
         return source.problem(where, _wrong_type(annotation is str, error["input"]), allowed=allowed)
     return source.problem(where, "not allowed" if kind.startswith("string") else "out of range", allowed=allowed)
 
 
+def _is_misspelt(model: type[BaseModel], source: SourceFile, where: KeyPath, refused: Container[str],
+                 error: Any) -> bool:
+    """Whether a required key is only misspelt: an unknown one beside it that means it is `refused` already."""
+    beside, owner = source.at(where[:-1]), _describe_at(model, tuple(error["loc"][:-1]))[0]
+    return error["type"] == "missing" and isinstance(beside, dict) and is_model(owner) and any(
+        meant_by(str(other), fields_of(owner)) == (where[-1], True)
+        for other in beside if key_text((*where[:-1], other)) in refused)
+
+
 def _unlike(annotation: Any, value: object) -> str:
     """The problem of a value that is not among those listed."""
-    kinds = {type(listed) for listed in _literals(annotation)}
+    kinds = {type(listed) for listed in typing.get_args(annotation)}
     if type(value) not in kinds:
         return _wrong_type(kinds == {str}, value)
     return "unknown word" if isinstance(value, str) else "no such value"
@@ -213,37 +272,6 @@ def _wrong_type(needs_text: bool, value: object) -> str:
     return "wrong type: put it in quotes" if needs_text and isinstance(value, int | float) else "wrong type"
 
 
-def unwrapped(annotation: Any) -> tuple[Any, list[Any], str]:
-    """Unwrap Annotated and Optional; returns the bare annotation, the constraints and the description."""
-    metadata: list[Any] = []
-    description = ""
-    while True:
-        if typing.get_origin(annotation) is Annotated:
-            annotation, *extra = typing.get_args(annotation)
-            for item in extra:
-                metadata += item.metadata if isinstance(item, FieldInfo) else [item]
-                if isinstance(item, FieldInfo) and item.description:
-                    description = item.description
-        elif typing.get_origin(annotation) in (types.UnionType, typing.Union):
-            annotation = next(arg for arg in typing.get_args(annotation) if arg is not types.NoneType)
-        else:
-            return annotation, metadata, description
-
-
-def _is_model(annotation: Any) -> bool:
-    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
-
-
-def _holds_models(annotation: Any) -> bool:
-    """Whether this is a dict of models by name."""
-    return typing.get_origin(annotation) is dict and _is_model(unwrapped(typing.get_args(annotation)[1])[0])
-
-
-def fields_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """The fields by their names in files."""
-    return {field.alias or name: field for name, field in model.model_fields.items()}
-
-
 def _describe_at(model: type[BaseModel], inner: KeyPath) -> tuple[Any, list[Any], str]:
     annotation: Any = model
     metadata: list[Any] = []
@@ -251,7 +279,7 @@ def _describe_at(model: type[BaseModel], inner: KeyPath) -> tuple[Any, list[Any]
     for part in inner:
         if isinstance(part, int):
             annotation, metadata, description = unwrapped(typing.get_args(annotation)[0])
-        elif _is_model(annotation):
+        elif is_model(annotation):
             field = fields_of(annotation).get(part)
             if field is None:
                 break
@@ -263,16 +291,18 @@ def _describe_at(model: type[BaseModel], inner: KeyPath) -> tuple[Any, list[Any]
     return annotation, metadata, description
 
 
+_LIMITS = ((Ge, "ge", "from"), (Gt, "gt", "above"), (Le, "le", "up to"), (Lt, "lt", "below"),
+           (MinLen, "min_length", "of at least"))
 _PLAIN = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "an object"}
 
 
 def _allowed(annotation: Any, metadata: list[Any], description: str) -> str:
     """The allowed values in words."""
     if typing.get_origin(annotation) is Literal:
-        words = ", ".join(f'"{value}"' if isinstance(value, str) else str(value) for value in _literals(annotation))
-        single = len(_literals(annotation)) == 1
-        text = f"the text {words}" if single else f"one of {words}"
-    elif _is_model(annotation):
+        values = typing.get_args(annotation)
+        words = ", ".join(f'"{value}"' if isinstance(value, str) else str(value) for value in values)
+        text = f"the text {words}" if len(values) == 1 else f"one of {words}"
+    elif is_model(annotation):
         text = f"an object with {', '.join(fields_of(annotation))}"
     elif typing.get_origin(annotation) is tuple:
         text = "a list"
@@ -280,49 +310,31 @@ def _allowed(annotation: Any, metadata: list[Any], description: str) -> str:
         text = "an object"
     else:
         text = _PLAIN.get(annotation, "a value")
-    limits = " ".join(_limit(item) for item in metadata if _limit(item))
-    text = f"{text} {limits}" if limits else text
+    limits = [f"{word} {getattr(item, name)}" for item in metadata for kind, name, word in _LIMITS
+              if isinstance(item, kind)]
+    text = " ".join((text, *limits))
     return f"{text} ({description})" if description else text
 
 
-def _literals(annotation: Any) -> tuple[Any, ...]:
-    return typing.get_args(annotation)
-
-
-def _limit(item: Any) -> str:
-    if isinstance(item, Ge):
-        return f"from {item.ge}"
-    if isinstance(item, Gt):
-        return f"above {item.gt}"
-    if isinstance(item, Le):
-        return f"up to {item.le}"
-    if isinstance(item, Lt):
-        return f"below {item.lt}"
-    if isinstance(item, MinLen):
-        return f"of at least {item.min_length}"
-    return ""
-
-
-def _unknown_keys(annotation: Any, source: SourceFile, key: KeyPath, data: object, severity: str) -> list[FileProblem]:
-    annotation = unwrapped(annotation)[0]
-    problems: list[FileProblem] = []
-    if isinstance(data, list) and typing.get_origin(annotation) is tuple:
+def _unknown_keys(shape: Shape, source: SourceFile, key: KeyPath, data: Any, severity: str) -> Iterator[FileProblem]:
+    if shape.rows is not None and isinstance(data, list) and shape.rows.has_sections:
         for index, item in enumerate(data):
-            problems += _unknown_keys(typing.get_args(annotation)[0], source, (*key, index), item, severity)
-    elif isinstance(data, dict) and typing.get_origin(annotation) is dict:
+            yield from _unknown_keys(shape.rows, source, (*key, index), item, severity)
+    elif shape.named is not None and isinstance(data, dict) and shape.named.has_sections:
         for name, item in data.items():
-            problems += _unknown_keys(typing.get_args(annotation)[1], source, (*key, name), item, severity)
-    elif isinstance(data, dict) and _is_model(annotation):
-        known = fields_of(annotation)
-        severity = ERROR if annotation.needs_known_keys else severity
+            yield from _unknown_keys(shape.named, source, (*key, name), item, severity)
+    elif shape.model is not None and isinstance(data, dict):
+        known = fields_of(shape.model)
+        severity = ERROR if _needs_known_keys(shape.model) else severity
         for name, item in data.items():
-            if name in known:
-                problems += _unknown_keys(known[name].annotation, source, (*key, name), item, severity)
-            else:
-                instead = getattr(annotation, "instead", {}).get(name, "")
-                problems.append(source.problem((*key, name), f"not supported: {instead}", allowed=", ".join(known))
-                                if instead else _unknown(source, (*key, name), known, severity))
-    return problems
+            inner = shape.fields.get(name)
+            if inner is not None:
+                if inner.has_sections:
+                    yield from _unknown_keys(inner, source, (*key, name), item, severity)
+            elif (*key, name) != _SCHEMA:
+                instead = getattr(shape.model, "instead", {}).get(name, "")
+                yield (source.problem((*key, name), f"not supported: {instead}", allowed=", ".join(known))
+                       if instead else _unknown(source, (*key, name), known, severity))
 
 
 def _unknown(source: SourceFile, key: KeyPath, known: Mapping[str, FieldInfo], severity: str) -> FileProblem:
@@ -334,13 +346,11 @@ def _unknown(source: SourceFile, key: KeyPath, known: Mapping[str, FieldInfo], s
     allowed = ", ".join(known)
     if _COMMENT.match(name):
         return source.problem(key, "a comment, ignored", allowed=allowed, severity=WARNING)
-    folded = {_folded(candidate): candidate for candidate in known}
-    nearest = difflib.get_close_matches(_folded(name), folded, n=1, cutoff=0.5)
-    meant = folded[nearest[0]] if nearest else ""
+    meant, slip = meant_by(name, known)
     absent = bool(meant) and not source.has((*key[:-1], meant))
-    slip = bool(difflib.get_close_matches(_folded(name), nearest, n=1, cutoff=_SLIP))
-    unnoticed = absent and slip and not known[meant].is_required() and _calibrates(meant, known[meant])
-    if (absent and _folded(name) == _folded(meant)) or severity == ERROR or unnoticed:
+    lacking = absent and slip and known[meant].is_required()
+    unnoticed = absent and slip and not lacking and _matters(meant, known[meant])
+    if lacking or unnoticed or severity == ERROR or (absent and folded(name) == folded(meant)):
         text, severity = _UNKNOWN, ERROR
     else:
         text = f"{_UNKNOWN}, ignored"
@@ -352,20 +362,28 @@ def _unknown(source: SourceFile, key: KeyPath, known: Mapping[str, FieldInfo], s
     return source.problem(key, text, allowed=allowed, severity=severity)
 
 
-def _folded(name: str) -> str:
-    """A key as other versions spell it: align-mtm is align_MTM."""
-    return name.lower().replace("-", "_")
-
-
 def _inner(field: FieldInfo) -> Mapping[str, FieldInfo]:
     """The keys of a section that is a value."""
     annotation = unwrapped(field.annotation)[0]
-    return fields_of(annotation) if _is_model(annotation) else {}
+    return fields_of(annotation) if is_model(annotation) else {}
 
 
-def _calibrates(name: str, field: FieldInfo) -> bool:
-    """Whether a key, or one inside it, is a scale, an offset, a gain or a limit."""
-    if _CALIBRATION.search(name):
+def _matters(name: str, field: FieldInfo) -> bool:
+    """Whether a key, or one inside it, is a scale, an offset, a gain or a limit, or holds a `SafetySection`."""
+    if _CALIBRATION.search(name) or _holds_safety(field.annotation):
         return True
     annotation = unwrapped(field.annotation)[0]
-    return _is_model(annotation) and any(_calibrates(*item) for item in fields_of(annotation).items())
+    return is_model(annotation) and any(_matters(*item) for item in fields_of(annotation).items())
+
+
+def _holds_safety(annotation: Any) -> bool:
+    annotation = unwrapped(annotation)[0]
+    if typing.get_origin(annotation) is dict:  # the section `trocar`, whose keys are checked by themselves
+        return True
+    if is_model(annotation):
+        return _needs_known_keys(annotation)
+    return any(map(_holds_safety, typing.get_args(annotation)))
+
+
+def _needs_known_keys(model: type[BaseModel]) -> bool:
+    return bool(getattr(model, "needs_known_keys", False))

@@ -3,9 +3,9 @@
 PyYAML follows YAML 1.1, where `1e-3` is a text, `on` a boolean and `1:30` a number in base 60: all three are pitfalls
 in a robot's configuration. Only its scanner and composer are used; this module interprets plain words.
 
-If PyYAML has libyaml, its scanner is used, which is ten times as fast. Texts that it refuses are read again by PyYAML's
-own scanner, which has better error messages. The composer is always PyYAML's own: libyaml's overflows the stack with
-deeply nested texts.
+If PyYAML has libyaml, its scanner and composer are used, which are ten times as fast. Texts that it refuses are read
+again by PyYAML's own, which have better error messages. libyaml's composer overflows the stack with deeply nested
+texts; for those that may be such, only its scanner is used.
 """
 
 from __future__ import annotations
@@ -20,13 +20,12 @@ from trocar.procs.config.read.jsontext import Parsed, TextError
 from trocar.procs.config.read.problem import KeyPath
 
 _DEEPEST = 64
+_OVERFLOWS = 2000  # far below the depth at which libyaml's composer needs a stack of 8 MB
 _MAX_NODES = 500_000  # aliases can make a short text explode
-_NULL = re.compile(r"(?:~|null|Null|NULL|)\Z")
-_BOOLEAN = re.compile(r"(?:true|True|TRUE|false|False|FALSE)\Z")
-_INTEGER = re.compile(r"[-+]?[0-9]+\Z")
-_BASED = re.compile(r"0o[0-7]+\Z|0x[0-9a-fA-F]+\Z")
-_FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?\Z")
-_SPECIAL = re.compile(r"[-+]?\.(?:inf|Inf|INF)\Z|\.(?:nan|NaN|NAN)\Z")
+_WORD = re.compile(
+    r"(?:(?P<null>~|null|Null|NULL|)|(?P<boolean>true|True|TRUE|false|False|FALSE)|(?P<integer>[-+]?[0-9]+)|"
+    r"(?P<based>0o[0-7]+|0x[0-9a-fA-F]+)|(?P<number>[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?)|"
+    r"(?P<special>[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)))\Z")
 
 
 class _YamlLoader(yaml.SafeLoader):
@@ -34,17 +33,30 @@ class _YamlLoader(yaml.SafeLoader):
 
 
 _YamlLoader.yaml_implicit_resolvers = {}
+_TAGS = {yaml.ScalarNode: _YamlLoader.DEFAULT_SCALAR_TAG, yaml.SequenceNode: _YamlLoader.DEFAULT_SEQUENCE_TAG,
+         yaml.MappingNode: _YamlLoader.DEFAULT_MAPPING_TAG}
 
 if yaml.__with_libyaml__:
 
-    class _Quick(Composer, yaml.CSafeLoader):
-        """The same loader with libyaml's scanner."""
+    class _Quick(yaml.CSafeLoader):
+        """The same loader by libyaml."""
+
+        def descend_resolver(self, _parent: object, _index: object) -> None:
+            """Nothing depends on where a node is."""
+
+        def ascend_resolver(self) -> None:
+            """Nothing depends on where a node is."""
+
+        def resolve(self, kind: type[yaml.Node], _value: object, _implicit: object) -> str:
+            """The tag of a node without one."""
+            return _TAGS[kind]
+
+    class _QuickAndDeep(Composer, _Quick):
+        """The same loader with libyaml's scanner only."""
 
         def __init__(self, text: str) -> None:
-            yaml.CSafeLoader.__init__(self, text)
+            _Quick.__init__(self, text)
             Composer.__init__(self)
-
-    _Quick.yaml_implicit_resolvers = {}
 
 
 def parse_yaml(text: str) -> Parsed:
@@ -71,12 +83,17 @@ def parse_yaml(text: str) -> Parsed:
 def _compose(text: str) -> yaml.Node | None:
     if yaml.__with_libyaml__:
         with contextlib.suppress(yaml.YAMLError, UnicodeEncodeError):
-            return _Quick(text).get_single_node()
+            return (_Quick if _deepest(text) < _OVERFLOWS else _QuickAndDeep)(text).get_single_node()
     loader = _YamlLoader(text)
     try:
         return loader.get_single_node()
     finally:
         loader.dispose()
+
+
+def _deepest(text: str) -> int:
+    """An upper bound of the depth: levels have brackets, or begin in other columns (a list: in that of its key)."""
+    return text.count("[") + text.count("{") + 2 * max(map(len, text.splitlines()), default=0)
 
 
 class _YamlReader:
@@ -105,7 +122,8 @@ class _YamlReader:
         for name_node, item in node.value:
             name = _name(name_node)
             if name is None:
-                raise _error(name_node, f"a key must be a text, not {getattr(name_node, 'value', '?')!r}")
+                raise _error(name_node, "a key must be a text" + (
+                    f", not {name_node.value!r}" if isinstance(name_node, yaml.ScalarNode) else ""))
             here = (*key, name)
             if name in result:
                 raise _error(name_node, f"key {name!r} occurs twice, first in line {self.parsed.lines[here]}")
@@ -128,19 +146,17 @@ def _scalar(node: yaml.ScalarNode) -> object:
         raise _error(node, f"tag {node.tag} is not used here")
     if node.style:  # quoted or block text
         return text
-    if _NULL.match(text):
+    word = _WORD.match(text)
+    kind = word.lastgroup if word else None
+    if kind == "null":
         return None
-    if _BOOLEAN.match(text):
+    if kind == "boolean":
         return text[0] in "tT"
-    if len(text) < 30 and _INTEGER.match(text):
-        return int(text)
-    if len(text) < 30 and _BASED.match(text):
-        return int(text, 0)
-    if _FLOAT.match(text):
+    if kind in ("integer", "based") and len(text) < 30:
+        return int(text, 10 if kind == "integer" else 0)
+    if kind in ("integer", "number"):
         return float(text)
-    if _SPECIAL.match(text):
-        return float(text.replace(".", "", 1))
-    return text
+    return float(text.replace(".", "", 1)) if kind == "special" else text
 
 
 def _line(node: yaml.Node) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from functools import partial
 
@@ -10,6 +11,7 @@ from nicegui import app, ui
 
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import BUTTONS, MESSAGES, PROCESSES, SCENE
+from trocar.procs.gui.meshes import MeshFiles
 from trocar.procs.gui.pages.arm import arm_page
 from trocar.procs.gui.pages.assets import STATIC, assets
 from trocar.procs.gui.pages.buttons import buttons_page
@@ -20,7 +22,7 @@ from trocar.procs.gui.pages.pid import pid_page
 from trocar.procs.gui.pages.plots import plots_page
 from trocar.procs.gui.pages.processes import processes_page
 from trocar.procs.gui.pages.robot_io import io_page
-from trocar.procs.gui.pages.scene import scene_page
+from trocar.procs.gui.pages.scene import MESHES, scene_page
 from trocar.procs.gui.pages.setup_joints import carts_page
 from trocar.procs.gui.pages.system import system_page
 from trocar.procs.gui.pages.teleop import teleop_page
@@ -52,7 +54,7 @@ def pages_of_system(document: SystemConfig) -> list[MadePage]:
     return made
 
 
-def application(document: SystemConfig) -> FastAPI:
+def application(document: SystemConfig, log: logging.Logger) -> FastAPI:
     """The pages of a system."""
     app.add_static_files(assets(), str(STATIC), max_cache_age=86400)
     for path, wants, content in pages_of_system(document):
@@ -61,6 +63,7 @@ def application(document: SystemConfig) -> FastAPI:
     files = PidFiles(document.name)
     for robot in with_gains(robots_of(document)):
         outer.add_api_route(f"/files{robot.path('pid')}.json", partial(files.file, robot), response_model=None)
+    outer.add_api_route(f"{MESHES}/{{number}}", MeshFiles(document, log).file, response_model=None)
     ui.run_with(outer, title=f"Trocar {document.name}", dark=None, tailwind=False, show_welcome_message=False,
                 binding_refresh_interval=None, reconnect_timeout=5.0, message_history_length=0)
     return outer

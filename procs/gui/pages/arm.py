@@ -8,7 +8,7 @@ from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import SCENE, record
 from trocar.procs.gui.pages.assets import assets
-from trocar.procs.gui.pages.parts import Part, box, button, choice, columns, head, live, reason
+from trocar.procs.gui.pages.parts import Part, box, button, choice, columns, head, live, reason, state_buttons
 from trocar.procs.gui.pages.poses import TURNS, axes, numbers, turned
 from trocar.procs.gui.pages.scene import ArmScene
 from trocar.procs.kinematics.endoscopes import NAMES
@@ -54,15 +54,7 @@ def _head(arm: ArmConfig, state: str) -> None:
             Part("span", "", "wanted:")
             live(f"{state}.desired_state")
         reason(arm.name, state)
-        with box("row buttons"):
-            for word, question in (("enable", "Amplifiers switch on."), ("home", "It moves."),
-                                   ("resume", "It resumes what it was doing, and may move."), ("unhome", "")):
-                button(word.capitalize(), [[(arm.name, "state_command", [], word)]],
-                       confirm=f"{word.capitalize()} {arm.name}? {question}" if question else "")
-            box("spacer")
-            button("Hold", [[(arm.name, "hold", [], "")]], "quiet", title="Stay where it is")
-            for text, word in (("Pause", "pause"), ("Disable", "disable")):
-                button(text, [[(arm.name, "state_command", [], word)]], "quiet")
+        state_buttons(arm.name, "enable", "home", "resume", "unhome", ends=("pause", "disable"))
 
 
 def _joints(state: str, slides: list[bool]) -> None:

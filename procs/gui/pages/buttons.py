@@ -128,8 +128,7 @@ def _output(io: str, row: DigitalOutput, path: str) -> None:
                confirm=f"Set {row.name} high?", confirm_off=f"Set {row.name} low?")
         return
     with form(io, "set_pwm", row.name, "row"):
-        arg("input", "num", data_low="0", data_high="1", size="4", inputmode="decimal",
-            aria_label="Duty cycle")
+        arg("input", "num", data_low="0", data_high="1", size="4", inputmode="decimal", aria_label="Duty cycle")
         Part("button", "commands", "Set", type="button", data_submit="", data_confirm=f"Set {row.name}?")
 
 

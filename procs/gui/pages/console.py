@@ -49,8 +49,7 @@ def _console(console: Console, teleops: list[str]) -> None:
                     box("spacer")
                     button("press", [[(name, command, [1], "")]], "small", id=f"{name}-{text}-press",
                            confirm=f"Act as if the {text} pedal or sensor were pressed, until it is released?")
-                    button("release", [[(name, command, [0], "")]], "small",
-                           confirm=RELEASED.get(text, ""))
+                    button("release", [[(name, command, [0], "")]], "small", confirm=RELEASED.get(text, ""))
             Part("p", "quiet", "Press and release act as if, where there are no pedals.")
             with box("row"):
                 Part("span", "quiet", "scale of all")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Final
 
 from nicegui.elements.mixins.text_element import TextElement
 
@@ -19,6 +19,9 @@ from trocar.shm.commands import can_stop
 
 Call = tuple[str, str, Sequence[float], str]
 """To whom, command, values, text."""
+EFFECTS: Final = {"enable": "Amplifiers switch on.", "home": "It moves.",
+                  "resume": "It resumes what it was doing, and may move."}
+"""Of words of `state_command` on an arm, as the confirmation says."""
 
 
 class Part(TextElement):
@@ -93,6 +96,20 @@ def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, con
         attributes["data_confirm"] = confirm
     classes = classes if is_free else f"{classes} commands".strip()
     return Part("button", classes, text, type="button", data_steps=json.dumps(steps), **attributes)
+
+
+def state_buttons(name: str, *words: str, ends: Sequence[str] = ("disable",), is_cart: bool = False) -> None:
+    """Buttons for words of `state_command` of an arm, or of the setup joints of a cart, and for those that end it."""
+    with box("row buttons"):
+        for word in words:
+            effect = "It gets power." if is_cart else EFFECTS.get(word, "")
+            button(word.capitalize(), [[(name, "state_command", [], word)]],
+                   confirm=f"{word.capitalize()} {name}? {effect}" if effect else "")
+        box("spacer")
+        if not is_cart:
+            button("Hold", [[(name, "hold", [], "")]], "quiet", title="Stay where it is")
+        for word in ends:
+            button(word.capitalize(), [[(name, "state_command", [], word)]], "quiet")
 
 
 def switch(text: str, path: str, on: Sequence[Sequence[Call]], off: Sequence[Sequence[Call]], *, confirm: str = "",

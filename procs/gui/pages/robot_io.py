@@ -24,8 +24,7 @@ def tabs(robots: Sequence[IoRobot], section: str, here: IoRobot) -> None:
     """The robots of the system, to choose one."""
     with Part("nav", "tabs"):
         for robot in robots:
-            Part("a", "here" if robot is here else "", robot.robot.name, href=robot.path(section),
-                 title=robot.io.name)
+            Part("a", "here" if robot is here else "", robot.robot.name, href=robot.path(section), title=robot.io.name)
 
 
 def io_page(robots: Sequence[IoRobot], robot: IoRobot) -> None:

@@ -11,11 +11,15 @@ from nicegui import ui
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import SCENE
+from trocar.procs.gui.gate import FILES
+from trocar.procs.gui.meshes import drawn_parts, mesh_files
+from trocar.procs.gui.pages.assets import assets
 from trocar.procs.gui.pages.parts import Part, box
 
 THREE: Final = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
 """three.js, as shipped with NiceGUI."""
 STAGE: Final = Path(__file__).resolve().parent.parent / "static" / "stage.js"
+MESHES: Final = f"{FILES}mesh"
 VIEWS: Final = (("all", "All"), ("operator", "Operator's view"), ("front", "Front"), ("side", "Side"), ("top", "Top"))
 
 
@@ -25,13 +29,17 @@ class ArmScene(ui.element, component=STAGE, esm={"nicegui-scene": str(THREE)}):
     def __init__(self, document: SystemConfig, only: str = "") -> None:
         """`only` one arm, or all."""
         super().__init__()
-        self.props["arms"] = {arm.name: _drawn(document, arm) for arm in document.arms}
+        files = mesh_files(document)
+        self.props["arms"] = {arm.name: _drawn(document, arm, files) for arm in document.arms if only in ("", arm.name)}
         self.props["only"] = only
+        self.props["meshes"] = {"script": f"{assets()}/meshes.js", "folder": MESHES,
+                                "names": [Path(file).name for file in files]}
 
 
-def _drawn(document: SystemConfig, arm: ArmConfig) -> dict[str, Any]:
+def _drawn(document: SystemConfig, arm: ArmConfig, files: list[str]) -> dict[str, Any]:
     """Data that a page needs to draw an arm, and to pull on its emulated robot."""
-    return {"type": arm.type, "robot": _emulated(document, arm)}
+    return {"type": arm.type, "robot": _emulated(document, arm), "parts": drawn_parts(arm, files),
+            "joints": len(arm.chain.links)}
 
 
 def _emulated(document: SystemConfig, arm: ArmConfig) -> str:

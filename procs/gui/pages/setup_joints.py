@@ -75,26 +75,13 @@ def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
     is_kinematic = cart.simulation == "KINEMATIC" and cart.kind != FIXED
     has_pots = cart.kind != FIXED and cart.simulation != "KINEMATIC"
     unit = "counts" if cart.kind == SI else "V"
-    kinds, known = ["p" if i == 0 else "r" for i in range(arm.joints)], f"{state}.setup_valid.{place}"
     titles = ["", "position", *([f"primary {unit}", f"secondary {unit}"] if has_pots else []),
               *(["set to"] if is_kinematic else [])]
     with form(cart.name, "servo_jp", arm.name), box("scroll"), Part("table", "joints setup"):
         columns(titles)
         with Part("tbody"):
-            for i, kind in enumerate(kinds):
-                with Part("tr"):
-                    Part("td", "", f"joint {i}")
-                    with Part("td"):
-                        live(f"{state}.position.{place}.{i}", f"joint:{kind}", data_valid=known)
-                        Part("span", "unit", data_unit=kind)
-                    if has_pots:
-                        for field in ("primary_voltage", "secondary_voltage"):
-                            with Part("td"):
-                                live(f"{state}.{field}.{place}.{i}", "num:3")
-                    if is_kinematic:
-                        with Part("td"):
-                            arg("input", f"joint-{kind}", size="8", inputmode="decimal", aria_label=f"Joint {i}",
-                                data_now=f"{state}.position.{place}.{i}", data_valid=known)
+            for i in range(arm.joints):
+                _joint(state, place, i, has_pots=has_pots, is_kinematic=is_kinematic)
         if is_kinematic:
             with Part("tfoot"), Part("tr"), Part("td", "", colspan=str(len(titles))):
                 Part("button", "quiet", "Read", type="button", data_reads="", title="Use the present position")
@@ -107,6 +94,23 @@ def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
                     Part("span", "", f"{text} ")
                     live(f"{state}.extra_voltage.{place}.{i}", "num:2")
                     Part("span", "unit", "V")
+
+
+def _joint(state: str, place: int, i: int, *, has_pots: bool, is_kinematic: bool) -> None:
+    """The row of joint `i` of the setup arm at `place`."""
+    kind, known = "r" if i else "p", f"{state}.setup_valid.{place}"
+    with Part("tr"):
+        Part("td", "", f"joint {i}")
+        with Part("td"):
+            live(f"{state}.position.{place}.{i}", f"joint:{kind}", data_valid=known)
+            Part("span", "unit", data_unit=kind)
+        for field in ("primary_voltage", "secondary_voltage") if has_pots else ():
+            with Part("td"):
+                live(f"{state}.{field}.{place}.{i}", "num:3")
+        if is_kinematic:
+            with Part("td"):
+                arg("input", f"joint-{kind}", size="8", inputmode="decimal", aria_label=f"Joint {i}",
+                    data_now=f"{state}.position.{place}.{i}", data_valid=known)
 
 
 def _pose(path: str, valid: str, text: str, frame: str = "") -> None:

@@ -7,8 +7,9 @@ from typing import Final
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import MESSAGES, record
+from trocar.procs.gui.pages.console import PEDALS, teleop_buttons
 from trocar.procs.gui.pages.frame import moving, power_buttons
-from trocar.procs.gui.pages.parts import Part, box, button, choice, head, live, reason
+from trocar.procs.gui.pages.parts import Part, box, button, choice, head, live, reason, state_buttons
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
 """Sub-states that chip and light show too."""
@@ -47,13 +48,7 @@ def arm_card(arm: ArmConfig) -> None:
             live(f"{state}.sub_state", classes="quiet", data_show=f"!{state}.sub_state={SAID_ALREADY}")
             live(f"{state}.tool", classes="quiet tool", data_show=f"{state}.tool")
         reason(arm.name, state)
-        with box("row buttons"):
-            button("Enable", [[(arm.name, "state_command", [], "enable")]],
-                   confirm=f"Enable {arm.name}? Amplifiers switch on.")
-            button("Home", [[(arm.name, "state_command", [], "home")]], confirm=f"Home {arm.name}? It moves.")
-            box("spacer")
-            button("Hold", [[(arm.name, "hold", [], "")]], "quiet", title="Stay where it is")
-            button("Disable", [[(arm.name, "state_command", [], "disable")]], "quiet")
+        state_buttons(arm.name, "enable", "home")
 
 
 def cart_card(name: str) -> None:
@@ -63,10 +58,7 @@ def cart_card(name: str) -> None:
         with head("span", "title", name, kind="setup joints"):
             live(f"{state}.state", classes="chip", data_tone="")
         live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
-        with box("row buttons"):
-            button("Enable", [[(name, "state_command", [], "enable")]], confirm=f"Enable {name}? It gets power.")
-            box("spacer")
-            button("Disable", [[(name, "state_command", [], "disable")]], "quiet")
+        state_buttons(name, "enable", is_cart=True)
 
 
 def _first_steps(document: SystemConfig) -> None:
@@ -116,16 +108,12 @@ def _console(name: str, teleops: list[str]) -> None:
     with box("card", data_source=state):
         head("span", "title", name)
         with box("row facts"):
-            Part("span", "light", "operator", data_on=f"{state}.operator_present")
-            Part("span", "light", "clutch", data_on=f"{state}.clutch")
-            Part("span", "light", "camera", data_on=f"{state}.camera")
+            for text, field, _ in PEDALS:
+                Part("span", "light", text, data_on=f"{state}.{field}")
         for teleop in teleops:
             teleop_row(teleop)
         with box("row buttons"):
-            button("Start teleoperation", [[(name, "teleop_enable", [1], "")]],
-                   confirm="Start teleoperation? Masters move to align.")
-            box("spacer")
-            button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet")
+            teleop_buttons(name)
 
 
 def teleop_row(name: str) -> None:

@@ -164,7 +164,8 @@ function heed(message) {
     // A person who changes pages in one tab keeps control, unless another page has taken it meanwhile.
     const left = Number(sessionStorage.getItem("control") || 0);
     sessionStorage.removeItem("control");
-    if (Date.now() - left < 5000) say({ op: "control", take: true });
+    const since = Date.now() - left; // by the time of day, which may have been set back
+    if (since >= 0 && since < 5000) say({ op: "control", take: true });
   } else if (message.op === "tick") {
     lastTick = performance.now();
     tick = message.id;
@@ -189,7 +190,7 @@ function shown() {
   document.body.dataset.connection = isConnected() ? "live" : "lost";
   const lost = document.querySelector(".bar .lost");
   if (lost) put(lost, refused || "not connected");
-  document.body.dataset.control = you ? "you" : holder ? "other" : "nobody";
+  document.body.dataset.control = you ? "you" : holder ? "other" : "none";
   const button = document.getElementById("control");
   if (localStorage.getItem("first-steps") === "closed") document.getElementById("first-steps")?.remove();
   if (button) {

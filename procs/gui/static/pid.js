@@ -209,7 +209,7 @@ function meanwhile(before) {
   if (isStopped) return "it was stopped";
   if (!hasControl()) return "this page has lost control";
   if (!(sourceAge(`${arm}/state`) < 1)) return `${arm} sends no data`;
-  if (value(`${arm}/state.state`) !== "ENABLED" || !value(on)) return `${arm} is not enabled any more`;
+  if (value(`${arm}/state.state`) !== "ENABLED" || !value(on)) return `${arm} is no longer enabled`;
   if (!isOurs(row)) return `${arm} received ${row?.command} ${row?.text}`.trim();
   return before && setpoint().every((v, i) => Math.abs(v - before[i]) < 1e-6) ? "" : "the setpoint has changed";
 }

@@ -115,6 +115,7 @@ class ArmModel {
     const isKnown = arm.valid !== false && arm.state !== "DISABLED"; // else its pose is unknown
     this.body.color.set(arm.late ? GREY : arm.state === "FAULT" ? FAULT : isKnown ? this.colour : GREY);
     if (this.trail) this.draw(this.tip.position);
+    this.parts?.show(arm);
   }
 
   draw(tip) {
@@ -248,7 +249,7 @@ class Hand {
 
 export default {
   template: `<div class="stage" :class="{small: only}"><canvas></canvas><div class="names"></div></div>`,
-  props: { arms: Object, only: String },
+  props: { arms: Object, only: String, meshes: Object },
   mounted() {
     const canvas = this.$el.querySelector("canvas");
     this.names = this.$el.querySelector(".names");
@@ -269,7 +270,6 @@ export default {
     this.models = {};
     this.setups = {};
     for (const [name, drawn] of Object.entries(this.arms)) {
-      if (this.only && name !== this.only) continue;
       const colours = COLOURS[drawn.type] || COLOURS.PSM;
       used[drawn.type] = (used[drawn.type] ?? -1) + 1;
       const model = new ArmModel(name, drawn, colours[used[drawn.type] % colours.length], false);
@@ -345,8 +345,15 @@ export default {
         this.place();
         this.look("all");
         this.isPlaced = true;
+        this.dress();
       }
       this.later();
+    },
+    // Meshes come after the page is up: they may be large.
+    async dress() {
+      if (!this.meshes.names.length) return;
+      const { dress } = await import(this.meshes.script);
+      await dress(this);
     },
     // Carts are in the frame "Cart", the reference of the arms mounted on them.
     carts(found) {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import ChainMap
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -13,7 +14,7 @@ from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus import discovery
 from trocar.procs.io.bus.discovery import BoardInfo
 from trocar.procs.io.bus.exchange import Exchange, ExchangeSettings
-from trocar.procs.io.bus.link import Link, Quads
+from trocar.procs.io.bus.link import SETUP_TRIES, Link, Quads
 from trocar.procs.io.bus.port import Port
 from trocar.procs.io.bus.protocols import (
     BROADCAST_QUERY,
@@ -24,54 +25,77 @@ from trocar.procs.io.bus.protocols import (
     QueryRead,
     SequentialRead,
     SequentialWrite,
+    UnaskedRead,
 )
-from trocar.procs.io.bus.push_read import UnaskedRead
 from trocar.procs.io.bus.rows import Rows
 from trocar.procs.io.bus.transport import PortError, Transport
 
 _Reader: TypeAlias = QueryRead | UnaskedRead | SequentialRead
 _Writer: TypeAlias = BroadcastWrite | SequentialWrite
-_Found: TypeAlias = tuple[discovery.HubBoard, tuple[BoardInfo, ...]]
+_Found: TypeAlias = tuple[BoardInfo, tuple[BoardInfo, ...]]
 
 ALL_BOARDS: Final = 0x3F  # in place of a board id: every board of the bus
 MAX_BLOCK: Final = 1440  # bytes of a manual block transfer, whatever the transport permits
 
 
+@dataclass(frozen=True, slots=True)
+class PortOptions:
+    """How a port uses its bus."""
+
+    protocol: str = BROADCAST_QUERY
+    bridge: bool = False
+    """Over FireWire behind the hub even where the boards could do without."""
+    real_time: bool = True
+    """False: a simulated clock, which does not advance during a wait; receive deadlines are generous, pauses skipped.
+    """
+    exclusive: bool = True
+    """Refuse a bus that another host is driving."""
+    query_wait_ns: int | None = None
+    """Time the boards are given between query and read; None: as long as they need."""
+    deadline_ms: int | None = None
+    """How long a cyclic read waits for its reply; None: 2 ms (0.5 s when simulated)."""
+    first_control: int = 0
+    """Written to the status register of all boards as soon as the bus is known to be ours, before the boards are
+    checked (io: power off, whatever the previous process left).
+    """
+    quiet: bool = False
+    """Find the boards by reads alone where an earlier host left them ready: writes, even those of discovery, refresh
+    the watchdogs.
+    """
+    spin_ns: int = 0
+    """How long to poll for a reply before sleeping until one arrives."""
+    unknown_firmware: bool = False
+    """Also write to boards whose layout is only assumed; otherwise nothing is written to their bus after discovery
+    (`read_only`). Either way they must send blocks of that layout.
+    """
+
+
+USUAL: Final = PortOptions()
+
+
 class BusPort(Port):
     """A bus with its boards. `board_ids` may come in any order; array rows are the boards in ascending id.
 
-    `now_ns` is the clock of all stamps, CLOCK_MONOTONIC unless `real_time=False`: a simulated clock, which does not
-    advance during a wait; then receive deadlines are generous and all pauses are skipped. `bridge`: over FireWire
-    behind the hub even where the boards could do without. `query_wait_ns` replaces the time the boards are given
-    between query and read, `deadline_ms` the 2 ms a cyclic read waits for its reply (0.5 s when simulated). `exclusive`
-    refuses a bus that another host is driving. `first_control` is written to the status register of all boards as soon
-    as the bus is known to be ours, before the boards are checked (io: power off, whatever the previous process left).
-    Without board ids (tools), all boards that are found are listed, and cyclic reads and writes are not possible.
-    `quiet` finds the boards by reads alone where an earlier host left them ready: writes, even those of discovery,
-    refresh the watchdogs.
+    `now_ns` is the clock of all stamps, CLOCK_MONOTONIC where it is real. Without board ids (tools), all boards that
+    are found are listed, and cyclic reads and writes are not possible.
     """
 
     def __init__(self, transport: Transport, board_ids: Sequence[int], now_ns: Callable[[], int],
-                 protocol: str = BROADCAST_QUERY, *, bridge: bool = False, real_time: bool = True,
-                 exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
-                 first_control: int = 0, quiet: bool = False, spin_ns: int = 0) -> None:
+                 options: PortOptions = USUAL) -> None:
         super().__init__(board_ids, now_ns)
-        where = f"port {transport.where}"
+        where, protocol = f"port {transport.where}", options.protocol
         wrong = [b for b in self.board_ids if not 0 <= b <= 15]
         if wrong or len(set(self.board_ids)) != len(self.board_ids):
             raise PortError(f"board ids {list(board_ids)}", where, "allowed: each once, 0 to 15")
         if protocol not in PROTOCOLS:
             raise PortError(f"protocol {protocol!r}", where, f"allowed: {', '.join(PROTOCOLS)}")
-        self._protocol, self._bridge = protocol, bridge
-        self._exclusive, self._query_wait_ns = exclusive, query_wait_ns
-        self._first_control, self._quiet = first_control, quiet
-        self._hub: discovery.HubBoard | None = None
+        self._options = options
+        self._hub: BoardInfo | None = None
         self.bad = np.zeros(len(self.board_ids), np.bool_)  # boards without a sample in the last read
         self.boards: tuple[BoardInfo, ...] = ()
-        self._link = Link(transport, now_ns, real_time, spin_ns)
+        self._link = Link(transport, now_ns, options.real_time, options.spin_ns)
         self._link.counters = self.counters
-        if deadline_ms is not None:
-            self._link.cycle_timeout_ms = deadline_ms
+        self._link.cycle_timeout_ms = options.deadline_ms or self._link.cycle_timeout_ms
         self._nodes: ChainMap[int, int] = ChainMap()
         self._reader: _Reader | None = None
         self._writer: _Writer | None = None
@@ -105,7 +129,7 @@ class BusPort(Port):
         if link.transport.on_firewire:
             hub, boards = self._find_on_firewire()
         else:
-            hub, boards = (self._find_reported() if self._quiet else None) or self._find_by_network()
+            hub, boards = (self._find_reported() if self._options.quiet else None) or self._find_by_network()
         self.boards, self._hub = boards, hub
         self._nodes = ChainMap({info.board: info.node for info in boards})
         if self.board_ids:
@@ -116,12 +140,12 @@ class BusPort(Port):
 
     def _find_by_network(self) -> _Found:
         link = self._link
-        hub = discovery.find_hub(link, self._bridge)
+        hub = discovery.find_hub(link, self._options.bridge)
         self._make_ours(hub)
         boards = discovery.find_boards(link, hub.board, self.board_ids)
         discovery.check_boards(link, boards, self.board_ids)
         if hub.board not in {info.board for info in boards}:
-            raise PortError(f"hub board {hub.board} answers under no node number", link.where, "check its FireWire")
+            raise PortError(f"hub board {hub.board} has no FireWire node number", link.where, "check its FireWire")
         if not link.by_board:
             discovery.tune_gap(link, boards)
         return hub, boards
@@ -129,7 +153,7 @@ class BusPort(Port):
     def _find_reported(self) -> _Found | None:
         """None if the hub does not have our address, or the boards do not know their node numbers yet."""
         link = self._link
-        hub = discovery.find_reported_hub(link, self._bridge)
+        hub = discovery.find_reported_hub(link, self._options.bridge)
         if hub is None:
             return None
         boards = discovery.find_boards(link, hub.board, self.board_ids)
@@ -142,12 +166,12 @@ class BusPort(Port):
         discovery.check_boards(self._link, boards, self.board_ids)
         return hub, boards
 
-    def _make_ours(self, hub: discovery.HubBoard) -> None:
+    def _make_ours(self, hub: BoardInfo) -> None:
         """PortError if another host drives the bus; else switch off everything that the previous process left on."""
-        if self._exclusive and self.board_ids:
+        if self._options.exclusive and self.board_ids:
             discovery.refuse_other_host(self._link, hub)
-        if self._first_control:
-            self._link.write_quadlet(wire.BROADCAST, registers.STATUS, self._first_control)
+        if self._options.first_control:
+            self._link.write_quadlet(wire.BROADCAST, registers.STATUS, self._options.first_control)
 
     def refuse_other_host(self) -> None:
         """PortError while another host drives the bus. The check samples the hub, which restarts its sample timer."""
@@ -155,7 +179,7 @@ class BusPort(Port):
             raise self._not_ready()
         discovery.refuse_other_host(self._link, self._hub)
 
-    def _prepare(self, hub: discovery.HubBoard) -> None:
+    def _prepare(self, hub: BoardInfo) -> None:
         known = {info.board: info for info in self.boards}
         wanted_boards = [known[board] for board in self.board_ids]
         layouts = tuple(blocks.layout_of(info.firmware, *blocks.AXES_OF[info.hardware]) for info in wanted_boards)
@@ -166,17 +190,35 @@ class BusPort(Port):
         self.hardware = tuple(info.hardware for info in wanted_boards)
         wanted = {board: self._nodes[board] for board in {*self.board_ids, hub.board}}
         rows = Rows(self.board_ids, layouts, self.columns, self.blocks, self.out, self.bad, self.away, wanted,
-                    hub.board, self._query_wait_ns)
+                    hub.board, self._options.query_wait_ns)
         self._nodes = self._nodes.new_child(wanted)  # so that a rescan keeps this part up to date
-        self._reader, self._writer = _parts(self._protocol, self._link, rows)
+        self._reader, self._writer = _parts(self._options.protocol, self._link, rows)
+        used = {info.board: info for info in (*wanted_boards, hub)}
+        self._check_assumed([info for info in used.values() if blocks.LAYOUTS[info.firmware].is_assumed])
         self._make_exchange()
+
+    def _check_assumed(self, assumed: Sequence[BoardInfo]) -> None:
+        """PortError unless these boards send blocks of the assumed layout; hub memory gives their sizes."""
+        self.assumed, self.read_only = tuple(info.board for info in assumed), ""
+        if not assumed:
+            return
+        who = ", ".join(f"board {info.board}: Rev {info.firmware}" for info in assumed)
+        if self._options.protocol != BROADCAST_QUERY:
+            raise PortError(f"unknown firmware ({who}), whose blocks {self._options.protocol} cannot check",
+                            self._link.where, f"allowed: {BROADCAST_QUERY}")
+        if not any(self.read_all() for _ in range(SETUP_TRIES)):
+            known = ", ".join(str(number) for number, row in blocks.LAYOUTS.items() if not row.is_assumed)
+            raise PortError(f"unknown firmware ({who}) whose real-time blocks are not those of Rev 9", self._link.where,
+                            f"allowed: Rev {known}")
+        if not self._options.unknown_firmware:
+            self.read_only = f"unknown firmware ({who}): the bus is only read, unless io.unknown_firmware is true"
 
     def _check_size(self, layouts: Sequence[blocks.Layout]) -> None:
         """A command to all boards at once must fit one datagram."""
         transport, sizes = self._link.transport, []
-        if self._protocol == BROADCAST_QUERY:
+        if self._options.protocol == BROADCAST_QUERY:
             sizes.append(("read", 4 * (sum(layout.hub_quads for layout in layouts) + 1), transport.most_read))
-        if self._protocol != SEQUENTIAL:
+        if self._options.protocol != SEQUENTIAL:
             sizes.append(("write", 4 * sum(layout.write_quads for layout in layouts), transport.most_write))
         for what, needed, limit in sizes:
             if needed > limit:
@@ -215,7 +257,7 @@ class BusPort(Port):
         """Possible with one query to all boards, one write to all, and the machine's clock."""
         reader, writer, settings = self._reader, self._writer, self.settings
         if (settings is not None and self._link.real_time and isinstance(reader, QueryRead)
-                and isinstance(writer, BroadcastWrite)):
+                and not self.read_only and isinstance(writer, BroadcastWrite)):
             self.exchange = Exchange(self._link, reader, writer, settings)
 
     def write_all(self) -> bool:
@@ -224,6 +266,9 @@ class BusPort(Port):
         """
         if self._writer is None:
             raise self._not_ready()
+        if self.read_only:
+            self.out[:, -1] = 0
+            return super().write_all()
         counters = self.counters
         good = self._writer.write()
         self.send_ns = self._link.send_ns
@@ -240,7 +285,9 @@ class BusPort(Port):
         return value
 
     def write_quadlet(self, board: int, address: int, value: int) -> None:
-        """Write one register of one board, or of `ALL_BOARDS`. The boards do not acknowledge writes."""
+        """Write one register of one board, or of `ALL_BOARDS`, without acknowledgement; nothing if `read_only`."""
+        if self.read_only:
+            return
         node = wire.BROADCAST if board == ALL_BOARDS else self._node(board)
         if not self._link.write_quadlet(node, address, value):
             raise self._not_sent(board, address)
@@ -265,7 +312,9 @@ class BusPort(Port):
         return None if value is None else np.array([value], np.uint32)
 
     def write_block(self, board: int, address: int, values: Sequence[int]) -> None:
-        """Write consecutive quadlets of one board."""
+        """Write consecutive quadlets of one board; nothing if `read_only`."""
+        if self.read_only:
+            return
         node = wire.BROADCAST if board == ALL_BOARDS else self._node(board)
         data = np.asarray(values, np.uint32).astype(np.dtype(">u4")).tobytes()
         link = self._link

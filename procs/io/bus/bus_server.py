@@ -17,7 +17,7 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.bus_port import BusPort, PortOptions
 from trocar.procs.io.bus.named_port import hold, port_of
 from trocar.procs.io.bus.transport import PortError
 from trocar.shm.time.clock import monotonic_ns
@@ -72,7 +72,7 @@ def main() -> None:
     if len(sys.argv) != 2:
         sys.exit("started by: trocar bus")
     try:
-        port = port_of(sys.argv[1], (), monotonic_ns, quiet=True)
+        port = port_of(sys.argv[1], (), monotonic_ns, PortOptions(quiet=True))
     except PortError as error:
         _say({"misuse": str(error)})
         return

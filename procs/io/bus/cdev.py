@@ -22,11 +22,8 @@ RESPONSE: Final = 1
 
 # Codes of responses; from 0x10 on the kernel's own
 COMPLETE: Final = 0
-CANCELLED: Final = 0x11
 STALE_GENERATION: Final = 0x13
-NO_ACKNOWLEDGE: Final = 0x14
 
-BROADCAST_LEAST_OFFSET: Final = 0xFFFF_F000_0800  # below, the kernel broadcasts nothing
 BROADCAST_BYTES: Final = 512  # it broadcasts at 100 Mbit/s, which has no longer packets
 STATE_CLEAR: Final = 0xFFFF_F000_0000  # register of every node; bits written 1 are cleared
 CYCLE_MASTER: Final = 0x100
@@ -34,14 +31,13 @@ VENDOR: Final = 0xFA610E  # of our boards, in their configuration ROM
 
 _INFO = struct.Struct("@IIQQQI0Q")  # version, ROM length, pointers to ROM and reset event, closure, card
 _REQUEST = struct.Struct("@IIQQQI0Q")  # tcode, length, offset, closure, pointer to data, generation
-_RESET = struct.Struct("@QIIIIIII0Q")
+_RESET = struct.Struct("@QIIIIIII0Q")  # closure, type, nodes (device, card, three managers), generation
 _RESPONSE = struct.Struct("@QIII")  # closure, type, rcode, length; then data
 _ROM = struct.Struct("@4I")
 
 INFO_BYTES: Final = _INFO.size
 REQUEST_BYTES: Final = _REQUEST.size
 RESET_BYTES: Final = _RESET.size
-RESPONSE_DATA_AT: Final = _RESPONSE.size
 
 
 def _ioctl(direction: int, number: int, size: int) -> int:
@@ -61,21 +57,12 @@ class BusReset:
 
     node: int  # of the device
     local_node: int  # of the card
-    manager_node: int
-    resource_node: int
-    root_node: int
     generation: int
-    closure: int = 0
 
     @property
     def is_local(self) -> bool:
         """Whether the device is the card itself."""
         return self.node == self.local_node
-
-    def encode(self) -> bytes:
-        """The event as the kernel encodes it."""
-        return _RESET.pack(self.closure, BUS_RESET, self.node, self.local_node, self.manager_node, self.resource_node,
-                           self.root_node, self.generation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +72,6 @@ class CdevResponse:
     closure: int
     code: int
     data: bytes = b""
-
-    def encode(self) -> bytes:
-        """The response as the kernel encodes it. It repeats the data of short reads: an old error that programs rely
-        on.
-        """
-        head = _RESPONSE.pack(self.closure, RESPONSE, self.code, len(self.data))
-        room = -len(head) % 8
-        return head + (self.data.ljust(room, b"\0") + self.data if len(self.data) <= room else self.data + bytes(room))
 
 
 Event: TypeAlias = BusReset | CdevResponse
@@ -106,8 +85,8 @@ def decode_event(data: Buffer) -> Event | None:
     if kind == RESPONSE and len(data) >= _RESPONSE.size + length:
         return CdevResponse(closure, code, bytes(data[_RESPONSE.size : _RESPONSE.size + length]))
     if kind == BUS_RESET and len(data) >= _RESET.size:
-        closure, _, node, local, manager, resource, root, generation = _RESET.unpack_from(data)
-        return BusReset(node, local, manager, resource, root, generation, closure)
+        _, _, node, local, _, _, _, generation = _RESET.unpack_from(data)
+        return BusReset(node, local, generation)
     return None
 
 

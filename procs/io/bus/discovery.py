@@ -10,8 +10,8 @@ from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus.link import SETUP_TRIES, Link
 from trocar.procs.io.bus.transport import PortError
 
-NODES: Final = 16
 PHY_PAUSE_MS: Final = 10
+NODES: Final = wire.NODES
 FIRST_TRIES: Final = 10
 REPORTED_TRIES: Final = 3
 SCAN_TIMEOUTS_MS: Final = (20, 40, 100)  # one a pass; later passes only while a wanted board is missing
@@ -25,7 +25,11 @@ OTHER_HOST_LOOKS: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class BoardInfo:
-    """One controller as discovery found it; `node` is its FireWire node, which a bus reset may change."""
+    """One controller as discovery found it; `node` is its FireWire node, which a bus reset may change.
+
+    The hub is the board whose hub memory is read: the one with the network cable, if any. Before the nodes are known,
+    its `node` is its address; BROADCAST: the hub itself.
+    """
 
     board: int
     node: int
@@ -36,18 +40,7 @@ class BoardInfo:
     is_hub: bool
 
 
-@dataclass(frozen=True, slots=True)
-class HubBoard:
-    """The board whose hub memory is read: the one with the network cable, if any."""
-
-    board: int
-    firmware: int
-    fpga: int
-    hardware: str
-    node: int  # its address before the nodes are known; BROADCAST: the hub itself
-
-
-def find_hub(link: Link, bridge: bool) -> HubBoard:
+def find_hub(link: Link, bridge: bool) -> BoardInfo:
     """Give the hub its address, take the bus generation from its first reply, and identify the hub."""
     transport = link.transport
     transport.ask_everybody()
@@ -67,7 +60,7 @@ def find_hub(link: Link, bridge: bool) -> HubBoard:
     return hub
 
 
-def find_reported_hub(link: Link, bridge: bool) -> HubBoard | None:
+def find_reported_hub(link: Link, bridge: bool) -> BoardInfo | None:
     """The hub, found by reads alone, which refresh no watchdog; None where no earlier host gave it this address."""
     link.transport.ask_everybody()
     hardware = link.read_quadlet(wire.BROADCAST, registers.HARDWARE_ID, flags=wire.NO_FORWARD, tries=REPORTED_TRIES)
@@ -80,7 +73,7 @@ def find_reported_hub(link: Link, bridge: bool) -> HubBoard | None:
     return hub if address in (0, reported) else None
 
 
-def _known_hub(link: Link, hardware: int, bridge: bool) -> HubBoard:
+def _known_hub(link: Link, hardware: int, bridge: bool) -> BoardInfo:
     """Identify the hub."""
     values = []
     for register in (registers.STATUS, registers.FIRMWARE, registers.ETHERNET):
@@ -93,14 +86,14 @@ def _known_hub(link: Link, hardware: int, bridge: bool) -> HubBoard:
     if firmware not in blocks.LAYOUTS:
         raise PortError(f"firmware Rev {firmware} on hub board {board}", link.where, f"allowed: {blocks.REVISIONS}")
     node = board if _does_without_firewire(firmware, fpga, bridge) else wire.BROADCAST
-    return HubBoard(board, firmware, fpga, registers.hardware_name(hardware), node)
+    return BoardInfo(board, node, registers.hardware_name(hardware), firmware, fpga, 0, True)
 
 
 def _does_without_firewire(firmware: int, fpga: int, bridge: bool) -> bool:
     return fpga == 3 and firmware >= 9 and not bridge
 
 
-def _aim(link: Link, hub: HubBoard, bridge: bool) -> int:
+def _aim(link: Link, hub: BoardInfo, bridge: bool) -> int:
     return link.aim(hub.board, hub.firmware, by_board=_does_without_firewire(hub.firmware, hub.fpga, bridge))
 
 
@@ -108,7 +101,7 @@ def _silent(link: Link) -> PortError:
     return PortError("no controller answers", link.where, "check power, cable and address of the hub")
 
 
-def find_on_firewire(link: Link, wanted: Sequence[int]) -> tuple[HubBoard, tuple[BoardInfo, ...]]:
+def find_on_firewire(link: Link, wanted: Sequence[int]) -> tuple[BoardInfo, tuple[BoardInfo, ...]]:
     """All boards of a bus of which this computer is a node, unchecked, and the best one to read hub memory from.
 
     That is the board that answers a query last: it has received the blocks of all others before.
@@ -118,8 +111,7 @@ def find_on_firewire(link: Link, wanted: Sequence[int]) -> tuple[HubBoard, tuple
     if not boards:
         raise PortError("no controller answers", link.where, "check power and FireWire cables")
     last = [info for info in boards if info.board in wanted or not wanted] or boards
-    info = last[-1]
-    return HubBoard(info.board, info.firmware, info.fpga, info.hardware, info.node), boards
+    return last[-1], boards
 
 
 def find_boards(link: Link, hub: int, wanted: Sequence[int]) -> tuple[BoardInfo, ...]:
@@ -180,7 +172,7 @@ def check_boards(link: Link, boards: Sequence[BoardInfo], wanted: Sequence[int])
     revisions = {by_id[board].firmware for board in wanted}
     if 7 in revisions and len(revisions) > 1:
         mix = ", ".join(f"board {board}: Rev {by_id[board].firmware}" for board in wanted)
-        raise PortError(f"firmware does not match ({mix})", where, "allowed: all Rev 7, or Rev 8 and 9")
+        raise PortError(f"firmware does not match ({mix})", where, "allowed: all Rev 7, or all later ones")
 
 
 def tune_gap(link: Link, boards: Sequence[BoardInfo]) -> None:
@@ -197,7 +189,7 @@ def tune_gap(link: Link, boards: Sequence[BoardInfo]) -> None:
         link.write_quadlet(wire.BROADCAST, registers.PHY_REQUEST, value)
 
 
-def refuse_other_host(link: Link, hub: HubBoard) -> None:
+def refuse_other_host(link: Link, hub: BoardInfo) -> None:
     """Raise PortError if another host samples the boards: the time since the last sample is too short in every try.
 
     One short time proves nothing: after a delay in a board, the last sample may be one of ours whose reply came too
@@ -220,7 +212,7 @@ def refuse_other_host(link: Link, hub: HubBoard) -> None:
                         link.where, "allowed: one host; stop the other")
 
 
-def _sample(link: Link, hub: HubBoard, tries: int = SETUP_TRIES) -> bytes | None:
+def _sample(link: Link, hub: BoardInfo, tries: int = SETUP_TRIES) -> bytes | None:
     """The real-time block of the hub, before any other node number is known."""
     length = 4 * blocks.read_quads(hub.firmware, *blocks.AXES_OF.get(hub.hardware, blocks.AXES_OF["QLA1"]))
     return link.read_block(hub.node, registers.REAL_TIME, length, flags=wire.NO_FORWARD, tries=tries)

@@ -18,11 +18,9 @@ from typing import Final
 from trocar.procs.fpga import wire
 from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, PortError, Transport
 
-PLAIN_FRAMES: Final = 0x0004  # ETH_P_802_2: the kernel's name for frames with a length; no other frames wake us
 ETHERNET_HARDWARE: Final = 1  # ARPHRD_ETHER
 MAX_READ: Final = 976  # bytes: original hosts read frames of 1024 bytes at most, because of the firmware
 MAX_WRITE: Final = 984
-NODES: Final = 16
 SIOCGIFHWADDR: Final = 0x8927  # kind of hardware and address of an interface
 
 _LENGTH = struct.Struct(">H")
@@ -85,7 +83,7 @@ class EthernetTransport(Transport):
             raise PortError("raw Ethernet is not permitted", self.where,
                             "give python3 the capability cap_net_raw, or use udp") from error
         try:
-            made.bind((interface, PLAIN_FRAMES))
+            made.bind((interface, wire.PLAIN_FRAMES))
             self._refuse_down(made)
             made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
             made.setblocking(False)
@@ -121,7 +119,7 @@ class EthernetTransport(Transport):
         """Address requests to the hub, or to the boards themselves."""
         for node in range(len(self._heads)):
             mac = wire.BOARD_MAC + bytes([node if by_board else board])
-            self._heads[node] = (wire.GROUP_MAC if by_board and node >= NODES else mac) + self._own
+            self._heads[node] = (wire.GROUP_MAC if by_board and node >= wire.NODES else mac) + self._own
         return 0
 
     def _send(self, datagram: wire.Buffer) -> None:

@@ -241,8 +241,7 @@ class FirewireTransport(Transport):
             self._drop()
             return
         length = 4 if tcode == wire.QUADLET_READ else int.from_bytes(datagram[14:16], "big")
-        self._request(self._descriptor(node), tcode, address, length,
-                      self._age << 24 | tl << 16 | node << 8 | tcode)
+        self._request(self._descriptor(node), tcode, address, length, self._age << 24 | tl << 16 | node << 8 | tcode)
 
     def _drop(self) -> None:
         """Report a dropped read, as a hub does for a read of another generation."""

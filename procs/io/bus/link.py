@@ -292,12 +292,18 @@ class Link:
         for _ in range(tries):
             self._settle()
             tl = self.next_tl()
-            request = wire.WireRequest(tcode, node, address, tl, self.generation, self.flags | flags, length=length)
-            if not self.send(wire.encode_request(request)):
+            last = tl, self.generation, self.flags | flags
+            if not self.send(wire.quadlet_read(node, address, *last) if tcode == wire.QUADLET_READ else
+                             wire.block_read(node, address, length, *last)):
                 continue
-            reply = self._decode(self.receive(tl, timeout_ms), tcode + 2, node)  # the code of a reply
-            if reply is not None and len(reply.data) == length:
-                return reply.data
+            size = self.receive(tl, timeout_ms)
+            if size > 0:
+                data = wire.response_data(self.rx[:size], tcode + 2, node)  # the code of a reply
+                if data is None:
+                    self.counters.stray += 1
+                    self.doubt()
+                elif len(data) == length:
+                    return data
         return None
 
     def write_quadlet(self, node: int, address: int, value: int, flags: int = 0) -> bool:
@@ -314,16 +320,3 @@ class Link:
         if self.suspect:
             self._forgets = self._forget()
             self._missing.clear()
-
-    def _decode(self, size: int, tcode: int, node: int) -> wire.WireResponse | None:
-        if size <= 0:
-            return None
-        try:
-            reply = wire.decode_response(self.rx[:size])
-        except wire.WireError:
-            reply = None
-        if isinstance(reply, wire.WireResponse) and reply.tcode == tcode and node in (reply.node, wire.BROADCAST):
-            return reply
-        self.counters.stray += 1
-        self.doubt()
-        return None

@@ -9,20 +9,19 @@ from __future__ import annotations
 
 import errno
 import socket
-import struct
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from trocar.procs.fpga.port_name import ETHERNET, UDP, PortName, PortNameError
-from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.bus_port import BusPort, PortOptions
 from trocar.procs.io.bus.ethernet import EthernetTransport, interface_of
 from trocar.procs.io.bus.firewire import FirewireTransport
-from trocar.procs.io.bus.protocols import BROADCAST_QUERY
 from trocar.procs.io.bus.transport import PortError, Transport
 from trocar.procs.io.bus.udp import UdpTransport
+from trocar.shm.memory.peers import peer_of
 
-_CREDENTIALS: Final = struct.Struct("3i")  # pid, user, group
 ASK_S: Final = 0.5
 ASKERS: Final = 4096  # connections are never accepted: with a full queue, the owner's name is not available
 
@@ -44,13 +43,12 @@ def transport_of(name: PortName) -> Transport:
     return FirewireTransport(int(name.where))
 
 
-def port_of(name: str, board_ids: Sequence[int], now_ns: Callable[[], int], protocol: str = BROADCAST_QUERY, *,
-            real_time: bool = True, first_control: int = 0, quiet: bool = False, spin_ns: int = 0,
-            query_wait_ns: int | None = None) -> BusPort:
-    """The port `name`, as configuration files write it, with its boards; nothing is opened yet. See `BusPort`."""
+def port_of(name: str, board_ids: Sequence[int], now_ns: Callable[[], int], options: PortOptions) -> BusPort:
+    """The port `name`, as configuration files write it, with its boards; nothing is opened yet. The name determines
+    `bridge`.
+    """
     parts = named(name)
-    return BusPort(transport_of(parts), board_ids, now_ns, protocol, bridge=parts.bridge, real_time=real_time,
-                   first_control=first_control, quiet=quiet, spin_ns=spin_ns, query_wait_ns=query_wait_ns)
+    return BusPort(transport_of(parts), board_ids, now_ns, replace(options, bridge=parts.bridge))
 
 
 def hold(port: str) -> socket.socket:
@@ -83,8 +81,7 @@ def _owner(name: str) -> str:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
             asking.settimeout(ASK_S)
             asking.connect(name)
-            found = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        pid = int(_CREDENTIALS.unpack(found)[0])
+            pid = peer_of(asking).pid
         words = Path(f"/proc/{pid}/cmdline").read_bytes().decode("utf-8", "replace").split("\0")
     except OSError:
         return "another program that is just starting or ending"

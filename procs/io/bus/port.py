@@ -24,6 +24,10 @@ class Port:
     exchange: Exchange | None = None
     """The native calls of a cycle; None: this bus or this machine has none."""
     settings: ExchangeSettings | None = None
+    read_only = ""
+    """Why nothing is written to the boards; empty: it is."""
+    assumed: tuple[int, ...] = ()
+    """Boards with an unknown firmware."""
 
     def __init__(self, board_ids: Sequence[int], now_ns: Callable[[], int], width: int = registers.AXES) -> None:
         """`width`: motors of a board, at most."""

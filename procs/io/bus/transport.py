@@ -19,9 +19,6 @@ class PortError(SetupError):
 
     def __init__(self, what: str, where: str, allowed: str) -> None:
         super().__init__(f"{where}: {what}; {allowed}")
-        self.what = what
-        self.where = where
-        self.allowed = allowed
 
 
 class Transport(ABC):

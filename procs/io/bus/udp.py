@@ -15,8 +15,6 @@ from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, PortError, Trans
 
 FRAME_DATA_BYTES: Final = 1440  # of a block transfer in one Ethernet frame
 ADDRESS_PAUSE_MS: Final = 200  # a board announces a new address before it answers again
-OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to its address
-NODES: Final = 16
 FIRST_PORT: Final = 49152  # of the ports for any use
 PORTS: Final = 16384
 BIND_TRIES: Final = 64
@@ -68,9 +66,9 @@ class UdpTransport(Transport):
         self._own = ""  # address of the interface that leads to the bus; empty: none
         # Ports are taken in an order that visits all of them and cannot be guessed.
         self._port, self._stride = secrets.randbelow(PORTS), 2 * secrets.randbelow(PORTS // 2) + 1
-        self._boards: list[_Peer] = [(address_of(address, node), udp_port) for node in range(NODES)]
+        self._boards: list[_Peer] = [(address_of(address, node), udp_port) for node in range(wire.NODES)]
         self._senders = frozenset(self._boards)
-        self._by_node: list[_Peer | None] = self._boards + [None] * (wire.BROADCAST + 1 - NODES)
+        self._by_node: list[_Peer | None] = self._boards + [None] * (wire.BROADCAST + 1 - wire.NODES)
         self._hub: _Peer | None = None  # the only destination
         self._everybody: list[_Peer] = []
         self.close()
@@ -110,7 +108,7 @@ class UdpTransport(Transport):
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
         """Address requests to the hub, and receive only its replies, or to the boards themselves."""
-        own = address_of(self._address, board) if firmware >= OWN_ADDRESS else self._address
+        own = address_of(self._address, board) if firmware >= registers.OWN_ADDRESS else self._address
         self._everybody = []
         self._speak_to(None if by_board else (own, self._udp_port))
         return registers.ip_quadlet(own)
@@ -184,7 +182,8 @@ class UdpTransport(Transport):
 
     def _send_by_board(self, datagram: wire.Buffer) -> None:
         node = datagram[3] & 0x3F
-        self._open_socket().sendto(datagram, self._boards[node] if node < NODES else (wire.MULTICAST, self._udp_port))
+        peer = self._boards[node] if node < wire.NODES else (wire.MULTICAST, self._udp_port)
+        self._open_socket().sendto(datagram, peer)
 
     def _receive(self, buffer: memoryview) -> int:
         """A known board must send its own replies; before, and for replies that name no board, any address of the bus

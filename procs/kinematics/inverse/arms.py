@@ -32,8 +32,8 @@ def inverse_of(arm_type: str, chain: Chain, tool: Tool | None = None, tip: Array
     ValueError for arms or chains without a suitable solver.
     """
     row = ARM_TYPES.get(arm_type)
-    make = cast(Solvers, found(row.inverse)) if row is not None and row.inverse else _none
-    solver = make(chain, tool, tip)
+    make = cast(Solvers, found(row.inverse)) if row is not None and row.inverse else None
+    solver = make(chain, tool, tip) if make is not None else None
     if solver is None:
         raise ValueError(f"{chain.source or 'chain'}: no inverse kinematics for {arm_type} of "
                          f"{_joints(chain, tool)} joints")
@@ -59,10 +59,6 @@ def master_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> Invers
     """The solver of an MTM."""
     fits = tool is None and _joints(chain, tool) == MTM_JOINTS
     return MasterInverse(chain) if fits else None
-
-
-def _none(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:
-    return None
 
 
 def _joints(chain: Chain, tool: Tool | None) -> int:

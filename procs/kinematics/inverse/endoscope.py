@@ -13,7 +13,7 @@ from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.frames import Frame, product
 from trocar.procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, frame_of
 from trocar.procs.kinematics.inverse.solver import InverseSolver
-from trocar.procs.kinematics.inverse.turns import Triple, added, cross, inner, scaled, turn_of
+from trocar.procs.kinematics.inverse.turns import Triple, added, cross, inner, place_of, scaled
 from trocar.procs.kinematics.poses import Array, inverse
 
 MAX_TILT: Final = 0.5 * math.pi
@@ -50,9 +50,9 @@ class EndoscopeShaft:
     def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
         """The shaft as inserted, then backwards; `goal` is a frame of the roll joint."""
         end = self._shaft.last_frame(frame_of(goal))
-        for along, depth in both_ways((end[3], end[7], end[11])):
+        for along, depth in both_ways(place_of(end)):
             q = self._shaft.joints(along, depth)
-            q[3] = self._shaft.turned(3, self._shaft.rotation(q), turn_of(end))
+            q[3] = self._shaft.turned(3, self._shaft.rotation(q), end)
             yield q
 
 
@@ -70,6 +70,8 @@ class EndoscopeInverse(InverseSolver):
 
     A goal that needs a tilt by more than a right angle is refused.
     """
+
+    is_direct = False
 
     def __init__(self, chain: Chain, tip: Array) -> None:
         self._endoscope = EndoscopeShaft(chain, tip)

@@ -15,11 +15,11 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.document.system import Chain
-from trocar.procs.kinematics import frames
 from trocar.procs.kinematics.forward import Kinematics, split_row
+from trocar.procs.kinematics.frames import Frame, moved, product
 from trocar.procs.kinematics.inverse.shaft import frame_of
 from trocar.procs.kinematics.inverse.solver import InverseSolver
-from trocar.procs.kinematics.inverse.turns import Turn, back, product, turn_of, turned
+from trocar.procs.kinematics.inverse.turns import back
 from trocar.procs.kinematics.poses import Array, inverse
 
 ROOM: Final = 1e-5  # rad: Newton's method must not end beyond a limit
@@ -41,7 +41,7 @@ class Master:
         links = chain.links
         self._from_base = frame_of(inverse(np.array(chain.base)) if chain.base is not None else np.eye(4))
         rows = (split_row(chain.convention, link) for link in links)
-        self._turns = [(turn_of(frame_of(before)), turn_of(frame_of(after))) for before, after in rows]
+        self._turns = [(frame_of(before), frame_of(after)) for before, after in rows]
         self._offsets = [link.theta + link.offset for link in links]
         self._upper_arm = links[1].a
         self._forearm = math.hypot(links[2].a, links[3].d)
@@ -51,10 +51,9 @@ class Master:
 
     def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
         """The platforms as near to the seed's as yaw and pitch allow, and those where the yaw is 0."""
-        frame = frames.product(self._from_base, frame_of(goal))
-        rotation = turn_of(frame)
+        frame = product(self._from_base, frame_of(goal))
         for q in self._places(frame[3], frame[7], frame[11]):
-            rest = product(back(self._forearm_axes(q)), rotation)
+            rest = product(back(self._forearm_axes(q)), frame)
             for platform in itertools.chain(self._platforms(rest, seed), self._at_pitch_limits(rest)):
                 yield self._wrist(q, rest, platform)
 
@@ -69,7 +68,7 @@ class Master:
         seed's; pitch and roll may exceed their limits. None: no platform is suitable.
         """
         arm: list[float] = q.tolist()
-        tip = product(turn_of(self._from_base), rotation.ravel().tolist())
+        tip = product(self._from_base, np.column_stack((rotation, np.zeros(3))).ravel().tolist())
         rest = product(back(self._forearm_axes(arm)), tip)
         platforms = list(self._platforms(rest, seed))
         if not platforms:
@@ -79,11 +78,11 @@ class Master:
         found[4:] += turn * np.round((seed[4:] - found[4:]) / turn)
         return found
 
-    def _forearm_axes(self, q: list[float]) -> Turn:
+    def _forearm_axes(self, q: list[float]) -> Frame:
         """The frame after the first three joints, in which the platform turns."""
-        axes: Turn = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+        axes: Frame = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
         for (before, after), angle in zip(self._turns[:3], q, strict=False):
-            axes = product(turned(product(axes, before), angle), after)
+            axes = product(moved(product(axes, before), False, angle), after)
         return axes
 
     def _places(self, x: float, y: float, z: float) -> Iterator[list[float]]:
@@ -104,9 +103,9 @@ class Master:
         offsets = self._offsets[first : first + len(angles)]
         return [math.remainder(angle - offset, 2.0 * math.pi) for angle, offset in zip(angles, offsets, strict=True)]
 
-    def _platforms(self, rest: Turn, seed: Array) -> Iterator[float]:
+    def _platforms(self, rest: Frame, seed: Array) -> Iterator[float]:
         """Platform positions for which the yaw, with sin(yaw) = size · sin(angle − middle), stays within its limits."""
-        x, y = rest[2], rest[5]
+        x, y = rest[2], rest[6]
         size, middle = math.hypot(x, y), math.atan2(y, x)
         half, wanted_half = (_half(size, yaw) for yaw in (self._yaw, self.most_yaw(seed)))
         low, high = self._platform
@@ -119,10 +118,10 @@ class Master:
                 if first <= best <= last:
                     yield best
 
-    def _at_pitch_limits(self, rest: Turn) -> Iterator[float]:
+    def _at_pitch_limits(self, rest: Frame) -> Iterator[float]:
         """Platform positions where the pitch is at a limit, and the yaw within its own."""
-        size, middle = math.hypot(rest[2], rest[5]), math.atan2(rest[5], rest[2])
-        height, most = self._turns[PLATFORM][1][7] * rest[8], math.sin(self._yaw)
+        size, middle = math.hypot(rest[2], rest[6]), math.atan2(rest[6], rest[2])
+        height, most = self._turns[PLATFORM][1][9] * rest[10], math.sin(self._yaw)
         for limit in self._pitches:
             sine, cosine = math.sin(limit + self._offsets[PITCH]), math.cos(limit + self._offsets[PITCH])
             if height * sine >= 0.0 or abs(along := height * cosine / sine) >= size:
@@ -135,9 +134,9 @@ class Master:
                 if self._platform[0] <= platform <= self._platform[1]:
                     yield platform
 
-    def _wrist(self, arm: list[float], rest: Turn, platform: float) -> list[float]:
+    def _wrist(self, arm: list[float], rest: Frame, platform: float) -> list[float]:
         before, after = self._turns[3]
-        _, _, c, _, _, f, g, h, i = product(back(product(turned(before, platform), after)), rest)
+        _, _, c, _, _, _, f, _, g, h, i, _ = product(back(product(moved(before, False, platform), after)), rest)
         # the wrist yaw without its offset is between -π and 0: there its sine is negative
         angles = math.atan2(-f, -c), -math.acos(max(-1.0, min(1.0, i))), math.atan2(-h, g)
         pitch, yaw, roll = self._less_offsets(angles, PITCH)
@@ -166,6 +165,8 @@ class _WristInverse(InverseSolver):
 
 class MasterInverse(InverseSolver):
     """Solver of an MTM, see above; an unreachable goal is approached with all seven joints."""
+
+    is_direct = False
 
     def __init__(self, chain: Chain) -> None:
         geometry = Master(chain)

@@ -12,10 +12,9 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.document.system import Chain, DhLink
-from trocar.procs.kinematics import frames
 from trocar.procs.kinematics.forward import split_row
-from trocar.procs.kinematics.frames import Frame
-from trocar.procs.kinematics.inverse.turns import Triple, Turn, product, turn_of, turned
+from trocar.procs.kinematics.frames import Frame, moved, product
+from trocar.procs.kinematics.inverse.turns import Triple
 from trocar.procs.kinematics.poses import Array, inverse
 
 TINY: Final = 1e-12
@@ -34,10 +33,8 @@ class Shaft:
     def __init__(self, chain: Chain, links: tuple[DhLink, ...], tip: Array) -> None:
         """`links` are those of the arm and its tool; `tip` (4, 4) follows the last."""
         self.n = len(links)
-        befores = [frame_of(split_row(chain.convention, link)[0]) for link in links]
-        self.turns = [turn_of(before) for before in befores]
-        """Rotations of the links, before their joints move."""
-        self.places: list[Triple] = [(before[3], before[7], before[11]) for before in befores]
+        self.frames = [frame_of(split_row(chain.convention, link)[0]) for link in links]
+        """Frames of the links, before their joints move."""
         base = np.array(chain.base) if chain.base is not None else np.eye(4)
         self._from_base, self._from_tip = frame_of(inverse(base)), frame_of(inverse(tip))
         self.centre: Triple = (float(base[0, 3]), float(base[1, 3]), float(base[2, 3]))
@@ -46,7 +43,7 @@ class Shaft:
 
     def last_frame(self, goal: Frame) -> Frame:
         """Frame of the last link, relative to the remote centre, for a goal of the tip."""
-        return frames.product(frames.product(self._from_base, goal), self._from_tip)
+        return product(product(self._from_base, goal), self._from_tip)
 
     def joints(self, along: Triple, depth: float) -> list[float]:
         """(n,) with yaw, pitch and insertion of a shaft in direction `along`; the others are NaN."""
@@ -57,15 +54,15 @@ class Shaft:
         """Whether yaw, pitch and insertion are within their limits, or nearly."""
         return all(low <= value <= high for value, (low, high) in zip(q, self._ranges, strict=False))
 
-    def rotation(self, q: list[float]) -> Turn:
+    def rotation(self, q: list[float]) -> Frame:
         """Rotation of the insertion frame."""
-        turns = self.turns
-        return product(turned(product(turned(turns[0], q[0]), turns[1]), q[1]), turns[2])
+        yaw, pitch, insertion, *_ = self.frames
+        return product(moved(product(moved(yaw, False, q[0]), pitch), False, q[1]), insertion)
 
-    def turned(self, joint: int, before: Turn, after: Turn) -> float:
+    def turned(self, joint: int, before: Frame, after: Frame) -> float:
         """Position of a revolute joint between the frame of the previous link and that of its own."""
-        a, b, _, d, e, _, g, h, _ = product(before, self.turns[joint])
-        p, q, _, s, t, _, v, w, _ = after
+        a, b, _, _, d, e, _, _, g, h, _, _ = product(before, self.frames[joint])
+        p, q, _, _, s, t, _, _, v, w, _, _ = after
         return math.atan2(b * p + e * s + h * v - (a * q + d * t + g * w),
                           a * p + d * s + g * v + b * q + e * t + h * w)
 

@@ -9,21 +9,18 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.document.system import Chain, Tool
-from trocar.procs.kinematics.frames import Frame
+from trocar.procs.kinematics.frames import Frame, moved, product
 from trocar.procs.kinematics.inverse.shaft import ROOM, TINY, Shaft, frame_of
 from trocar.procs.kinematics.inverse.turns import (
     Triple,
-    Turn,
     about_x,
     about_y,
     added,
     back,
     cross,
     inner,
-    moved,
-    product,
+    place_of,
     scaled,
-    turn_of,
     turned,
 )
 from trocar.procs.kinematics.poses import Array, renormalised
@@ -49,11 +46,11 @@ class Snake:
         """`chain` is yaw, pitch, insertion; `tool` roll and the four bends."""
         links = chain.links + tool.links
         self._shaft = Shaft(chain, links, renormalised(np.array(tool.tip)))
-        pitch, yaw, again, last = self._shaft.turns[4:]
+        pitch, yaw, again, last = self._shaft.frames[4:]
         self._unbent = back(product(product(pitch, yaw), product(again, last)))
         self._length = sum(link.a for link in links[4:])
         self._bends = min(link.upper for link in links[4:]) + ROOM
-        self._pitches, self._yaws = pitch[5], product(pitch, yaw)[2]
+        self._pitches, self._yaws = pitch[6], product(pitch, yaw)[2]
         """1 or -1: bends are about +y and +x of the shaft, or about -y and -x."""
 
     def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
@@ -61,9 +58,9 @@ class Snake:
         the centre.
         """
         end = self._shaft.last_frame(frame_of(goal))
-        _, _, x, _, _, y, _, _, z = product(turn_of(end), self._unbent)
-        tip = (x, y, z)
-        away = added((end[3], end[7], end[11]), tip, -0.5 * self._length)
+        tip_frame = product(end, self._unbent)
+        tip = (tip_frame[2], tip_frame[6], tip_frame[10])
+        away = added(place_of(end), tip, -0.5 * self._length)
         size = max(math.sqrt(inner(away, away)), TINY)
         starts = (scaled(away, 1.0 / size), scaled(away, -1.0 / size), tip)
         for along in starts if size < FAR * self._length else starts[:2]:
@@ -109,12 +106,12 @@ class Snake:
                 break
         return along
 
-    def _bend(self, end: Frame, along: Triple) -> tuple[list[float], Turn, float, float]:
+    def _bend(self, end: Frame, along: Triple) -> tuple[list[float], Frame, float, float]:
         """Joints with the shaft's first three, the rotation after them, pitch and twice the yaw."""
         shaft = self._shaft
         q = shaft.joints(along, 0.0)
-        bend = product(product(back(shaft.rotation(q)), turn_of(end)), self._unbent)  # Rz(roll) times the two bends
-        x, y, z = bend[6:]
+        bend = product(product(back(shaft.rotation(q)), end), self._unbent)  # Rz(roll) times the two bends
+        x, y, z = bend[8:11]
         pitch = math.atan2(-x, 1.0 + z)
         sine, cosine = math.sin(pitch), math.cos(pitch)
         twice = math.atan2(y / cosine, (z + sine * sine) / (cosine * cosine))
@@ -126,10 +123,11 @@ class Snake:
         return self._end_of_shaft(end, self._pitches * pitch, self._yaws * 0.5 * twice)
 
     def _end_of_shaft(self, end: Frame, pitch: float, yaw: float) -> Triple:
-        rotation, place = turn_of(end), (end[3], end[7], end[11])
+        rotation, place = end, place_of(end)
         for joint, angle in ((7, pitch), (6, yaw), (5, yaw), (4, pitch)):
-            rotation = product(turned(rotation, -angle), back(self._shaft.turns[joint]))
-            place = added(place, moved(rotation, self._shaft.places[joint]), -1.0)
+            before = self._shaft.frames[joint]
+            rotation = product(moved(rotation, False, -angle), back(before))
+            place = added(place, turned(rotation, place_of(before)), -1.0)
         return place
 
     def _joints(self, end: Frame, along: Triple) -> list[float]:
@@ -140,7 +138,7 @@ class Snake:
         depth = inner(self._end_of_shaft(end, q[4], q[5]), along)
         q[2] = self._shaft.joints((0.0, 0.0, -1.0), depth)[2]
         half = about_y(pitch)
-        a, b, _, d, e, *_ = product(bend, back(product(product(half, about_x(twice)), half)))
+        a, b, _, _, d, e, *_ = product(bend, back(product(product(half, about_x(twice)), half)))
         q[3] = math.atan2(d - b, a + e)
         return q
 

@@ -19,7 +19,7 @@ from trocar.procs.kinematics.frames import Rows, body_jacobian, dot, finite, sho
 from trocar.procs.kinematics.inverse.shaft import TINY
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.native.arm_fields import INVERSE
-from trocar.procs.native.library import chosen
+from trocar.procs.native.library import address_of, chosen
 
 CLOSE: Final = 0.2  # m and rad: from further away the geometry is faster, and knows which solution it finds
 MAX_STEPS: Final = 12  # for all attempts together: the geometry's solutions need one or two each
@@ -58,6 +58,8 @@ class InverseSolver:
     FURTHEST_TURN: Final = 0.1  # rad
     TURN_WEIGHT: Final = 0.01  # m: weight of a radian where position and rotation cannot both be reached
     NEAREST_DAMPING: Final = 1e-9  # m²
+    is_direct = True
+    """`solve` begins with `improve`."""
 
     def __init__(self, kinematics: Kinematics, geometry: Geometry, free: Array | None = None,
                  rows: tuple[int, ...] = (0, 1, 2, 3, 4, 5)) -> None:
@@ -77,22 +79,19 @@ class InverseSolver:
         self._given = np.zeros(16 + n)
         self.goal, self.seed = self._given[:16].reshape(4, 4), self._given[16:]
         self._newton, self._fits, self._approach = chosen(INVERSE, self, "by_numpy_")
+        self.address = address_of(self._newton)
+        """Of the native library's struct, 0: none."""
 
     def solve(self, goal: Array, seed: Array) -> bool:
         """Joints whose tip pose is `goal` (4, 4), close to `seed` (n,) if there are several.
 
         The goal is a rigid transform in the chain's base frame. False: `reason` explains it, `q` is the seed.
         """
-        self.reason, self.axis, self.steps = "", -1, 0
-        q = self.q
-        self.goal[...] = goal
-        self.seed[...] = seed
-        q[...] = seed
-        if not math.isfinite(self._given.dot(self._given)):
-            self.reason = "goal or seed is not finite"
-            return False
-        if self._improve(CLOSE) and self._fits(LIMIT_ROOM) < 0 and self._suits():
+        if self.improve(goal, seed):
             return True
+        if self.reason:
+            return False
+        q = self.q
         best, why, axis = math.inf, "out of reach", -1
         candidates = []
         for start in self._geometry.solutions(self.goal, self.seed):
@@ -115,6 +114,17 @@ class InverseSolver:
         q[...] = self.seed
         self.reason, self.axis = why, axis
         return False
+
+    def improve(self, goal: Array, seed: Array) -> bool:
+        """The same without other solutions than that next to the seed; False without `reason`: there may be others."""
+        self.reason, self.axis, self.steps = "", -1, 0
+        self.goal[...] = goal
+        self.seed[...] = seed
+        self.q[...] = seed
+        if not math.isfinite(self._given.dot(self._given)):
+            self.reason = "goal or seed is not finite"
+            return False
+        return self._improve(CLOSE) and self._fits(LIMIT_ROOM) < 0 and self._suits()
 
     def approach(self, goal: Array, at: Array, most: Array) -> None:
         """`q` := joints (n,) with the tip nearer to a goal (4, 4) than at `at` (n,), or as near as possible.

@@ -1,64 +1,50 @@
-"""Rotations as nine numbers, row by row, and vectors of three: at this size, a tenth of numpy's time."""
+"""Vectors of three numbers, and frames of which only the rotation counts: at this size, a tenth of numpy's time.
+
+Frames are those of procs/kinematics/frames.py; their `product` and `moved` turn rotations, too.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-Turn = Sequence[float]
+from trocar.procs.kinematics.frames import Frame
+
 Triple = tuple[float, float, float]
 
 
-def turn_of(frame: Sequence[float]) -> Turn:
-    """The rotation of a frame (procs/kinematics/frames.py)."""
-    a, b, c, _, d, e, f, _, g, h, i, _ = frame
-    return a, b, c, d, e, f, g, h, i
+def place_of(f: Frame) -> Triple:
+    """The origin of a frame."""
+    return f[3], f[7], f[11]
 
 
-def product(a: Turn, b: Turn) -> Turn:
-    """a · b."""
-    c, d, e, f, g, h, i, j, k = a
-    p, q, r, s, t, u, v, w, x = b
-    return (c * p + d * s + e * v, c * q + d * t + e * w, c * r + d * u + e * x,
-            f * p + g * s + h * v, f * q + g * t + h * w, f * r + g * u + h * x,
-            i * p + j * s + k * v, i * q + j * t + k * w, i * r + j * u + k * x)
-
-
-def back(a: Turn) -> Turn:
+def back(f: Frame) -> Frame:
     """The inverse rotation."""
-    c, d, e, f, g, h, i, j, k = a
-    return c, f, i, d, g, j, e, h, k
+    a, b, c, _, d, e, h, _, i, j, k, _ = f
+    return a, d, i, 0.0, b, e, j, 0.0, c, h, k, 0.0
 
 
-def turned(a: Turn, angle: float) -> Turn:
-    """a · Rz(angle)."""
-    c, d, e, f, g, h, i, j, k = a
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return (c * cosine + d * sine, d * cosine - c * sine, e, f * cosine + g * sine, g * cosine - f * sine, h,
-            i * cosine + j * sine, j * cosine - i * sine, k)
-
-
-def moved(a: Turn, v: Sequence[float]) -> Triple:
-    """a · v."""
+def turned(f: Frame, v: Sequence[float]) -> Triple:
+    """A vector, turned by the rotation."""
     x, y, z = v
-    return a[0] * x + a[1] * y + a[2] * z, a[3] * x + a[4] * y + a[5] * z, a[6] * x + a[7] * y + a[8] * z
+    return f[0] * x + f[1] * y + f[2] * z, f[4] * x + f[5] * y + f[6] * z, f[8] * x + f[9] * y + f[10] * z
 
 
-def columns(x: Triple, y: Triple, z: Triple) -> Turn:
+def columns(x: Triple, y: Triple, z: Triple) -> Frame:
     """The rotation with these axes."""
-    return x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]
+    return x[0], y[0], z[0], 0.0, x[1], y[1], z[1], 0.0, x[2], y[2], z[2], 0.0
 
 
-def about_x(angle: float) -> Turn:
+def about_x(angle: float) -> Frame:
     """Rotation about x."""
     c, s = math.cos(angle), math.sin(angle)
-    return 1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c
+    return 1.0, 0.0, 0.0, 0.0, 0.0, c, -s, 0.0, 0.0, s, c, 0.0
 
 
-def about_y(angle: float) -> Turn:
+def about_y(angle: float) -> Frame:
     """Rotation about y."""
     c, s = math.cos(angle), math.sin(angle)
-    return c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c
+    return c, 0.0, s, 0.0, 0.0, 1.0, 0.0, 0.0, -s, 0.0, c, 0.0
 
 
 def inner(a: Sequence[float], b: Sequence[float]) -> float:

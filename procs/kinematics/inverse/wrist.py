@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from trocar.procs.document.system import Chain, Tool
+from trocar.procs.kinematics.frames import Frame
 from trocar.procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, frame_of
-from trocar.procs.kinematics.inverse.turns import Triple, Turn, columns, cross, turn_of
+from trocar.procs.kinematics.inverse.turns import Triple, columns, cross
 from trocar.procs.kinematics.poses import Array, renormalised
 
 
@@ -30,7 +31,7 @@ class Wrist:
     def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
         """All four; the last three joints are NaN if the shaft is out of its limits."""
         end = self._shaft.last_frame(frame_of(goal))
-        turn, length = turn_of(end), self._length
+        length = self._length
         _, _, x, px, _, _, y, py, _, _, z, pz = end
         reach = x * px + y * py + z * pz
         ax, ay, az = px - reach * x, py - reach * y, pz - reach * z
@@ -42,12 +43,12 @@ class Wrist:
             for along, depth in both_ways((px - length * link[0], py - length * link[1], pz - length * link[2])):
                 q = self._shaft.joints(along, depth)
                 if self._shaft.within(q):
-                    self._turn(q, along, link, turn)
+                    self._turn(q, along, link, end)
                 yield q
 
-    def _turn(self, q: list[float], along: Triple, link: Triple, end: Turn) -> None:
+    def _turn(self, q: list[float], along: Triple, link: Triple, end: Frame) -> None:
         """Roll and wrist for a shaft along `along` and the link from pitch to yaw axis along `link`."""
-        yaw_axis = (end[2], end[5], end[8])
+        yaw_axis = (end[2], end[6], end[10])
         pitch_axis = cross(link, yaw_axis)
         roll = columns(cross(pitch_axis, along), pitch_axis, along)
         wrist = columns(link, yaw_axis, pitch_axis)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.fpga import board_side
 from trocar.procs.boards.controllers.bus import GROUP, EmulatedBus
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import blocks, wire
 from trocar.procs.fpga import registers as reg
 
-MS = 49152
 STAY = wire.NO_FORWARD
 
 
@@ -24,15 +24,15 @@ class RevisionLine:
     def __init__(self, bus: EmulatedBus) -> None:
         self.bus, self.tick = bus, 0
 
-    def ask(self, request: bytes, to: int = GROUP) -> wire.WireResponse | wire.Dropped | None:
+    def ask(self, request: bytes, to: int = GROUP) -> board_side.WireResponse | board_side.Dropped | None:
         reply = self.bus.answer(request, self.tick, to)
-        return None if reply is None else wire.decode_response(reply)
+        return None if reply is None else board_side.decode_response(reply)
 
     def read(self, node: int, address: int, flags: int = 0, to: int = GROUP, generation: int | None = None) -> object:
         """What a quadlet read brings: (responder, value), "dropped" or None."""
         known = self.bus.generation if generation is None else generation
         response = self.ask(wire.quadlet_read(node, address, 9, known, flags), to)
-        if isinstance(response, wire.WireResponse):
+        if isinstance(response, board_side.WireResponse):
             return response.node, response.value
         return None if response is None else "dropped"
 
@@ -44,13 +44,13 @@ class RevisionLine:
         firmware = self.bus.firmware
         return [firmware.ids[row] for row in range(firmware.count) if firmware.read(row, address, self.tick) == value]
 
-    def query(self, sequence: int, mask: int, flags: int = 0) -> wire.WireResponse | wire.Dropped | None:
+    def query(self, sequence: int, mask: int, flags: int = 0) -> board_side.WireResponse | board_side.Dropped | None:
         value = sequence << 16 | mask
         return self.ask(wire.quadlet_write(wire.BROADCAST, reg.QUERY, value, 33, self.bus.generation, flags))
 
     def hub(self, quads: int, node: int = 0, flags: int = 0, to: int = GROUP) -> list[int]:
         response = self.ask(wire.block_read(node, reg.HUB, 4 * quads, 34, self.bus.generation, flags), to)
-        assert isinstance(response, wire.WireResponse)
+        assert isinstance(response, board_side.WireResponse)
         return [int(quad) for quad in np.frombuffer(response.data, ">u4")]
 
 
@@ -80,7 +80,7 @@ def test_trailers_of_rev_9_echo_that_a_request_was_not_to_be_forwarded() -> None
     for firmware, echo in ((8, 0), (9, 0x10)):
         response = RevisionLine(EmulatedBus(controllers(firmware, 0))).ask(
             wire.quadlet_read(0, reg.FIRMWARE, 1, 1, STAY))
-        assert isinstance(response, wire.WireResponse)
+        assert isinstance(response, board_side.WireResponse)
         assert response.trailer.flags == echo
 
 
@@ -105,7 +105,7 @@ def test_ethernet_only_boards_have_their_id_added_to_their_ip_address() -> None:
 def test_an_ethernet_only_hub_answers_a_query_by_itself_with_its_own_block_first() -> None:
     line = RevisionLine(EmulatedBus(controllers(9, 5, 0, 3), network="ethernet"))
     response = line.query(0x1234, 0x29, STAY)
-    assert isinstance(response, wire.WireResponse)
+    assert isinstance(response, board_side.WireResponse)
     assert (response.tl, response.node, response.trailer.flags) == (33, 5, 0x10)
     quads = [int(quad) for quad in np.frombuffer(response.data, ">u4")]
     assert len(quads) == 3 * 33 + 1
@@ -134,7 +134,7 @@ def test_mixed_boards_on_one_bridge_answer_each_in_its_own_way() -> None:
     assert identities == [(0, reg.QLA1), (1, reg.QLA1), (2, reg.DQLA), (3, reg.DRA1)]
     for node, board, quads in ((0, 3, 32), (1, 0, 28), (2, 4, 60), (3, 6, 59)):
         response = line.ask(wire.block_read(node, reg.REAL_TIME, 4 * quads, 1, line.bus.generation))
-        assert isinstance(response, wire.WireResponse)
+        assert isinstance(response, board_side.WireResponse)
         words = np.frombuffer(response.data, ">u4")
         assert reg.board_of(int(words[1])) == board
         assert words[4] & 0xFFFF == reg.CURRENT_ZERO
@@ -255,6 +255,6 @@ def test_boards_on_the_network_tell_of_their_own_errors_only() -> None:
     errors = []
     for board in (2, 5):
         reply = line.ask(wire.quadlet_read(board, reg.ETHERNET, 9, line.bus.generation, STAY), board)
-        assert isinstance(reply, wire.WireResponse)
+        assert isinstance(reply, board_side.WireResponse)
         errors.append((reply.value >> 25 & 1, reply.trailer.flags & wire.ETHERNET_ERROR != 0))
     assert errors == [(0, False), (1, True)]

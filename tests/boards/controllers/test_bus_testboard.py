@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from tests.fpga import board_side
 from trocar.procs.boards.controllers.bus import EmulatedBus
 from trocar.procs.document.system import Controller, Quirks
 from trocar.procs.fpga import registers as reg
@@ -32,8 +33,8 @@ class BenchOfTestboard:
 
     def read(self, address: int) -> int:
         self.wait(10)
-        response = wire.decode_response(self.bus.answer(wire.quadlet_read(0, address, 1, 1), self.tick) or b"")
-        assert isinstance(response, wire.WireResponse)
+        response = board_side.decode_response(self.bus.answer(wire.quadlet_read(0, address, 1, 1), self.tick) or b"")
+        assert isinstance(response, board_side.WireResponse)
         return response.value
 
     def pins(self, pins: int) -> None:
@@ -117,8 +118,8 @@ def test_a_dqla_has_a_loop_back_board_on_each_of_its_qlas() -> None:
     tick = 0
 
     def read(address: int) -> int:
-        response = wire.decode_response(bus.answer(wire.quadlet_read(0, address, 1, 1), tick) or b"")
-        assert isinstance(response, wire.WireResponse)
+        response = board_side.decode_response(bus.answer(wire.quadlet_read(0, address, 1, 1), tick) or b"")
+        assert isinstance(response, board_side.WireResponse)
         return response.value
 
     for register, inputs, moved in ((0xF0, 0x0000_0FFF, 4), (0x0F, 0x0FFF_0000, 0), (0x00, 0x0FFF_0FFF, 0)):
@@ -139,8 +140,8 @@ def test_each_half_of_a_dqla_has_its_own_encoders_currents_and_voltages() -> Non
         bus.answer(wire.quadlet_write(0, address, value, 1, 1), tick)
 
     def read(address: int) -> int:
-        response = wire.decode_response(bus.answer(wire.quadlet_read(0, address, 1, 1), tick) or b"")
-        assert isinstance(response, wire.WireResponse)
+        response = board_side.decode_response(bus.answer(wire.quadlet_read(0, address, 1, 1), tick) or b"")
+        assert isinstance(response, board_side.WireResponse)
         return response.value
 
     write(reg.WATCHDOG, 0)

@@ -91,37 +91,11 @@ def test_encoders_count_64_cycles_up_and_down(lag: bool, ups: int, downs: int) -
         assert harness.counts() == [downs - 4 * k] * 4
 
 
-@pytest.mark.parametrize("first", [0, 4])
-@pytest.mark.parametrize(("pin", "shift", "word"), [
-    (A, reg.INPUT_ENCODER_A_SHIFT, reg.ENCODER_PIN_A), (B, reg.INPUT_ENCODER_B_SHIFT, reg.ENCODER_PIN_B),
-    (INDEX, reg.INPUT_ENCODER_INDEX_SHIFT, reg.ENCODER_PIN_INDEX)])
-def test_lines_show_in_inputs_and_position_words(pin: int, shift: int, word: int, first: int) -> None:
-    harness = HarnessOfTestboard(first=first)
-    for pins in (0, pin, 0):
-        harness.write(A | B | INDEX, pins)
-        harness.wait(1e-4)
-        assert harness.read() == (0xF << shift | 0xFFF if pins else 0xFFF)
-        assert [int(position) & 7 << 28 for position in harness.positions] == [word if pins else 0] * 4
-
-
 def test_axes_are_preloaded_one_by_one() -> None:
     harness = HarnessOfTestboard()
     harness.loop.preload(2, 0x1234, 100)
     harness.tick = 200
     assert harness.counts() == [0, 0, 0x1234 - ZERO, 0]
-
-
-def test_analog_inputs_show_the_voltage() -> None:
-    loop = Loopback(BoardOutputs())
-    words = loop.adc(np.full(4, reg.CURRENT_ZERO, dtype=np.uint32), np.ones(4, dtype=np.bool_))
-    assert [abs((int(word) >> 16) * 4.5 / 65535 - 2.25) < 1e-4 for word in words] == [True] * 4
-
-
-def test_commanded_current_flows_where_amplifiers_are_on() -> None:
-    loop, on = Loopback(BoardOutputs()), np.array([True, True, False, True])
-    for command in (0x8000, 0x8200, 0x7E00, 0x8600, 0x7A00):
-        measured = loop.adc(np.full(4, command, dtype=np.uint32), on) & 0xFFFF
-        assert measured.tolist() == [command, command, 0x8000, command]
 
 
 def test_new_outputs_begin_with_pins_high_and_counters_at_zero() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests import stock
-from tests.boards.robots.arms import LND, LND_SI, PERIOD, SNAKE, arm, holding, psm, robot, run, si, system
+from tests.boards.robots.arms import LND_SI, PERIOD, SNAKE, arm, holding, psm, robot, run, si, system
 from trocar.procs.boards.robots.mechanics import MARGIN, MARGIN_SLIDE, WRIST_FRICTION
 from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.document.system import Chain, ModelVariation, Tool
@@ -176,16 +176,6 @@ def test_a_snakes_bend_has_the_friction_of_its_joint() -> None:
         run(plant, np.zeros(7), 500)
         bend = (coupling(7, stock.chain("PSM"), stock.tool(SNAKE)).actuator_to_joint @ plant.position)[4]
         assert bool(abs(bend) > 0.01) is moves
-
-
-def test_a_snake_beside_a_plain_instrument_does_not_disturb_it() -> None:
-    alone, both = psm(LND), psm(LND, 2)
-    both.insert_tool("PSM2", stock.tool(SNAKE))
-    both.place("PSM1", alone.position)
-    effort = np.array((0.3, -0.2, 1.0, 0.02, 0.01, -0.02, 0.01))
-    run(alone, effort, 100)
-    run(both, np.concatenate((effort, effort)), 100)
-    np.testing.assert_allclose(both.position[:7], alone.position, atol=1e-9)
 
 
 def test_a_file_with_other_links_is_refused() -> None:

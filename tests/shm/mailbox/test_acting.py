@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from trocar.shm.mailbox.origins import ACTING, CONFINED, NOBODY
+from trocar.shm.mailbox.origins import ACTING, CONFINED, NO_ORIGIN
 from trocar.shm.memory import private
 
 
@@ -25,13 +25,13 @@ def test_programs_that_a_process_starts_have_no_more_authority_than_it_has() -> 
     ACTING.confine("robot")
     asks = "from trocar.shm.mailbox.origins import ACTING; print([ACTING.in_system(s) for s in ('robot', 'other')])"
     done = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == str([NOBODY, NOBODY])
+    assert done.stdout.strip() == str([NO_ORIGIN, NO_ORIGIN])
 
 
 def test_systems_in_its_own_memory_are_its_own_to_command(monkeypatch: pytest.MonkeyPatch) -> None:
     ACTING.confine("robot")
     monkeypatch.setattr(private, "is_kept", "rehearsal".__eq__)
-    assert ACTING.in_system("robot") == ACTING.in_system("other") == NOBODY
+    assert ACTING.in_system("robot") == ACTING.in_system("other") == NO_ORIGIN
     assert ACTING.in_system("rehearsal") is None
 
 

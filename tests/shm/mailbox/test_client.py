@@ -137,7 +137,7 @@ def test_commands_nobody_answers_are_forgotten_in_the_end(box: Mailbox, open_now
     for _ in range(KEPT + 100):
         handle.send("crtk_version")
         list(box.drain())
-    assert len(handle._desk._senders) == KEPT
+    assert len(handle._place._senders) == KEPT
 
 
 def test_a_system_that_was_made_anew_gets_a_place_of_its_own(system: str, open_now: Open) -> None:
@@ -250,14 +250,14 @@ def test_a_stop_passes_a_full_queue_and_empties_it(box: Mailbox, open_now: Open,
     assert len(replies) == COMMANDS_DEPTH + 1
 
 
-@pytest.mark.parametrize("where", ["send", "take_place"])
+@pytest.mark.parametrize("where", ["send", "claim"])
 def test_a_stop_sent_by_what_interrupts_a_command_goes_out(
     box: Mailbox, open_now: Open, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     """As a signal's handler does, in the middle of another command of the same thread."""
     handle, stops = open_now(), []
-    desk, nested = handle._desk, []
-    honest = getattr(type(desk.place) if where == "send" else type(desk), where)
+    place, nested = type(handle._place), []
+    honest = getattr(place, where)
 
     def interrupted(this: Any, *words: Any, **more: Any) -> Any:
         result = honest(this, *words, **more)
@@ -268,7 +268,7 @@ def test_a_stop_sent_by_what_interrupts_a_command_goes_out(
                 handle.send("move_jp", (2.0,))
         return result
 
-    monkeypatch.setattr(type(desk.place) if where == "send" else type(desk), where, interrupted)
+    monkeypatch.setattr(place, where, interrupted)
     number = handle.send("crtk_version", (1.0,))
     assert stops and stops[0] < 0 < number
     assert sorted(serve(box)) == ["crtk_version", "hold"]

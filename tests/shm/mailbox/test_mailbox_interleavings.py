@@ -12,7 +12,7 @@ from tests.shm.simulated import FIRST, Change, Real, private
 from trocar.shm.mailbox.mailbox import DIED
 from trocar.shm.mailbox.mailbox_map import CURSOR_BYTES, CURSORS
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.searches]
 
 PLACE_LOCKS = FIRST + 16 + CURSOR_BYTES * CURSORS.index("place")
 SOMEBODY = 50  # holds a lock for ever
@@ -149,8 +149,6 @@ def test_every_command_runs_once_and_is_answered(verbs: str, rounds: int, change
     assert mailbox(Real(*changes), verbs, rounds=rounds).explore().outcomes == outcomes
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 def test_a_killed_owner_leaves_nothing_run_twice_or_untold() -> None:
     assert mailbox(Real(), "send1 poll", kill="owner heir").explore().outcomes == 80
     assert mailbox(Real(), "send1", kill="owner", begun=2).explore().outcomes == 23
@@ -160,8 +158,6 @@ def test_an_heir_that_refuses_tells_so() -> None:
     assert mailbox(Real(), "send1 poll", kill="owner", refuses=True).explore().outcomes == 33
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 def test_a_killed_client_leaves_no_half_command() -> None:
     assert mailbox(Real(), "send1", kill="client", second="send1").explore().outcomes == 96
 
@@ -181,8 +177,6 @@ def test_merging_leaves_no_schedule_out() -> None:
     assert explored(True, True).outcomes == merged.outcomes
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 def test_each_of_two_clients_gets_its_own() -> None:
     real = Real(TWO_PLACES)
     programs = {"owner": owner(real, 1), "client": client(real, "send1"), "other": client(real, "send1", who=2000)}
@@ -199,8 +193,6 @@ def judge_two(outcome: Outcome) -> None:
         assert reported == [(n, "done") for n in sent], f"{name} sent {sent} and was told {reported}"
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 @pytest.mark.parametrize(("scenario", "outcomes"), [
     pytest.param({"verbs": "send1 send1", "kill": "client", "second": "send1"}, 278, marks=pytest.mark.soak),
     ({"verbs": "send1", "kill": "owner client", "second": "send1"}, 408),
@@ -250,8 +242,6 @@ def test_a_seeded_mutant_of_the_mailbox_is_caught(name: str) -> None:
         mailbox(Real(*changes), **scenario).explore()
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 def test_fenced_words_keep_a_weaker_memory_in_order() -> None:
     assert mailbox(Real(fenced=True), "send1 poll", model="weak").explore().outcomes == 10
 

@@ -26,9 +26,7 @@ def system(world: Any) -> Iterator[str]:
     unlink(segment_name(world.name, "IO1", "mailbox"))
 
 
-@pytest.mark.parametrize("attempts", [1, 2])
-@pytest.mark.parametrize("before", [0, 3])
-@pytest.mark.parametrize("value", [1, 33, 1 << 40, 2**64 - 1])
+@pytest.mark.parametrize(("value", "before", "attempts"), [(1, 0, 1), (1, 3, 2), (33, 3, 1), (2**64 - 1, 0, 2)])
 @pytest.mark.parametrize("which", m.CURSORS[:3])
 def test_a_place_out_of_step_is_put_right_and_used_again(
     system: str, which: str, value: int, before: int, attempts: int

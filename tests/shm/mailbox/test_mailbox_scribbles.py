@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import os
 
-import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
@@ -163,14 +162,7 @@ def test_who_believed_a_false_cursor_still_gets_its_answers() -> None:
 
 
 TestOneBadClient = OneBadClient.TestCase
-TestOneBadClient.settings = examples(30, stateful_step_count=25)
-
-
-@pytest.mark.slow
-def test_a_long_life_with_a_bad_client_loses_nothing() -> None:
-    case = OneBadClient.TestCase()
-    case.settings = examples(15, stateful_step_count=50)
-    case.runTest()
+TestOneBadClient.settings = examples(24, stateful_step_count=40)
 
 
 class NobodyIsSpared(RuleBasedStateMachine):
@@ -274,11 +266,4 @@ class NobodyIsSpared(RuleBasedStateMachine):
 
 
 TestNobodyIsSpared = NobodyIsSpared.TestCase
-TestNobodyIsSpared.settings = examples(20, stateful_step_count=20)
-
-
-@pytest.mark.slow
-def test_a_long_life_of_scribbles_leaves_a_mailbox_usable() -> None:
-    case = NobodyIsSpared.TestCase()
-    case.settings = examples(10, stateful_step_count=40)
-    case.runTest()
+TestNobodyIsSpared.settings = examples(20, stateful_step_count=30)

@@ -17,7 +17,7 @@ from trocar.shm.mailbox.command_row import RELAX
 from trocar.shm.mailbox.generations import FaultCell, Faults, create_faults
 from trocar.shm.mailbox.mailbox import Mailbox
 from trocar.shm.mailbox.mailbox_map import COMMANDS_DEPTH, create_mailbox
-from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.directory import create_ring, reader, topic_of, writer
 
@@ -134,6 +134,9 @@ def test_an_order_from_before_a_fault_counts_for_nothing_whoever_passes_it_on_wh
     assert ran(box) == []
     (reply,) = loop.poll()
     assert "not authorized" in reply.text and "trocar home" in reply.text
+    cell.switched_off(Origin(77, 0, "trocar home"))  # a stop is never refused, but makes no void command valid
+    loop.send("state_command", (), "enable")
+    assert ran(box) == []
 
 
 def test_a_stream_from_before_a_fault_is_told_to_pause(box: Mailbox, person: Client, cell: FaultCell) -> None:
@@ -151,7 +154,7 @@ def test_a_power_off_voids_older_orders_but_not_the_one_that_it_was_part_of(
 ) -> None:
     person.send("move_jp", (0.1,) * 6)  # before
     loop.on_behalf(Origin(77, 0, "trocar home"))
-    cell.switched_off(77)
+    cell.switched_off(Origin(77, 0, "trocar home"))
     loop.send("state_command", (), "enable")
     assert ran(box) == ["state_command"]
     cell.fault()
@@ -167,7 +170,7 @@ def test_stopping_asking_and_letting_go_need_nobody(
     box: Mailbox, loop: LoopClient, cell: FaultCell, name: str, values: tuple[float, ...], text: str
 ) -> None:
     cell.fault()
-    loop.on_behalf(NOBODY)
+    loop.on_behalf(NO_ORIGIN)
     loop.send(name, values, text)
     assert ran(box) == [name]
 

@@ -11,6 +11,7 @@ from tests.shm.mailbox.test_mailbox_interleavings import ONE_REPLY, SAYS, owner
 from tests.shm.process import Actor, Program
 from tests.shm.simulated import Change, Real, private
 
+pytestmark = pytest.mark.searches
 STOPS = {"one": 1000, "other": 2000, "last": 3000}
 
 
@@ -79,7 +80,6 @@ def test_two_who_stop_at_once_are_both_heard() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.searches
 def test_two_who_stop_while_their_owner_looks_are_both_heard() -> None:
     assert two(Real()).explore().outcomes == 188
 
@@ -90,13 +90,11 @@ def test_who_dies_in_the_place_for_stops_leaves_it_usable() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.searches
 def test_a_death_in_the_place_for_stops_does_not_keep_another_from_it() -> None:
     assert two(Real(), kill="one", rounds=0).explore().outcomes == 89
 
 
 @pytest.mark.slow
-@pytest.mark.searches
 @pytest.mark.parametrize(("refuses", "outcomes"), [(False, 286), pytest.param(True, 515, marks=pytest.mark.soak)])
 def test_an_owner_that_dies_runs_no_stop_twice(refuses: bool, outcomes: int) -> None:
     assert two(Real(), kill="owner", heir=True, refuses=refuses).explore().outcomes == outcomes

@@ -131,7 +131,7 @@ def test_nothing_but_stops_goes_through_their_place(open_now: Any, name: str, va
     stops.stop(name, values, text)
     assert names(box) == []
     assert [(r.outcome, r.text) for r in stops.answers()] == [
-        ("refused", f"{name}: this place is for commands that stop something")]
+        ("refused", f"{name}: this mailbox slot accepts only stop commands")]
 
 
 def test_what_was_asked_before_a_stop_is_not_done_after_it(open_now: Any) -> None:

@@ -52,7 +52,6 @@ def system(world: Any) -> Iterator[str]:
     directory.create_ring(world.name, "PSM1", SETPOINT, {}, {"kind": "arm"})
     create_mailbox(world.name, "PSM1", "arm", COMMANDS["arm"])
     create_control(world.name, "PSM1")
-    gc.collect()
     gc.disable()
     yield world.name
     gc.enable()

@@ -14,7 +14,8 @@ from trocar.shm.topics import COMMAND, IO_STATE, SETPOINT, TOPICS, Field, Topic
 
 DIMS = {"axes": 7, "drives": 7, "robots": 1, "inputs": 3, "outputs": 0, "readers": 1, "boards": 2, "setups": 4,
         "instances": 4, "teleops": 2, "arms": 3}
-SMALL = Topic("small", "io", 10, 1.0, (Field("a", "(2,)<f8", "m", "one"), Field("b", "?", "", "two")))
+SMALL = Topic("small", "io", rate_hz=10, depth=10, fields=(
+    Field("a", "(2,)<f8", "m", "one"), Field("b", "?", "", "two")))
 
 
 @pytest.mark.parametrize("topic", TOPICS, ids=lambda t: f"{t.writer}-{t.name}")

@@ -167,8 +167,9 @@ def test_the_size_of_peek_is_right() -> None:
     assert f"a reader of {lines} lines" in TEXT
 
 
-LEVEL = Topic("level", "arm", 100, 0, (Field("valid", "?", "", ""), Field("position", "(2,)<f8", "rad", ""),
-                                       Field("state", "S6", "", ""), Field("age", "<i4", "ns", "")), depth=3)
+LEVEL = Topic("level", "arm", rate_hz=100, depth=3, fields=(
+    Field("valid", "?", "", ""), Field("position", "(2,)<f8", "rad", ""),
+    Field("state", "S6", "", ""), Field("age", "<i4", "ns", "")))
 
 
 @pytest.fixture

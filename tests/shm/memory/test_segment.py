@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from trocar.shm.memory import shm_files
 from trocar.shm.memory.layout import MAX_DEPTH, schema_of
 from trocar.shm.memory.owners import SERVICE_USER
 from trocar.shm.memory.segment import (
@@ -314,13 +315,11 @@ def test_a_replaced_identity_misleads_nobody_for_long(ring: str, garbage: bytes)
 
 
 def test_what_may_not_be_removed_is_an_error(ring: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    import posix_ipc
-
     def refuse(name: str) -> None:
-        raise posix_ipc.PermissionsError("No permission to unlink this segment")
+        raise PermissionError(errno.EACCES, "No permission to unlink this segment")
 
     with monkeypatch.context() as patch:
-        patch.setattr(posix_ipc, "unlink_shared_memory", refuse)
+        patch.setattr(shm_files, "unlink", refuse)
         with pytest.raises(SegmentError, match=f"{ring}: cannot be removed"):
             unlink(ring)
 

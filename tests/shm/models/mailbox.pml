@@ -84,10 +84,12 @@ inline answers(command, how) {
 /* Two stores of one copy, in any order. */
 #define STORE_BOTH(me, where, what, elsewhere, other) \
     if \
-    :: store(me, where, what); DIE; store(me, elsewhere, other) \
-    :: store(me, elsewhere, other); DIE; store(me, where, what) \
-    fi; \
-    DIE
+    :: PUT(me, where, what); PUT(me, elsewhere, other) \
+    :: PUT(me, elsewhere, other); PUT(me, where, what) \
+    fi
+
+/* A store, and perhaps death: whether it dies here is for others no step of its own. */
+#define PUT(me, where, what) atomic { store(me, where, what); DIE }
 
 #ifdef STOPS
 #define CONTENT (2 * (CLIENTS * (count + 1) + life) + (me == OTHER))
@@ -101,8 +103,7 @@ proctype stopper(byte me) {
     byte count, known, seen, life, mine, head, id, body, sequence;
     bool inside;
 begin:
-    count = 0; known = 0; head = 0; id = 0; body = 0; sequence = 0;
-    DIE;
+    atomic { count = 0; known = 0; head = 0; id = 0; body = 0; sequence = 0; DIE };
     if
     :: !mine && !quiet && memory[SENT] < COMMANDS -> goto stop
     :: mine && memory[ANSWERED] != seen -> goto poll
@@ -114,9 +115,8 @@ stop:
     load(me, TAKEN, known);
 #endif
 #ifndef NO_L1
-    atomic { !locked -> locked = true; inside = true };                             /* L1 */
+    atomic { !locked -> locked = true; inside = true; DIE };                        /* L1 */
 #endif
-    DIE;
 #ifndef L2_FIRST
     load(me, SENT, count);                      /* L2 */
     load(me, TAKEN, known);
@@ -129,51 +129,57 @@ stop:
     :: else
     fi;
 #ifdef L3_FIRST
-    fence(me);
-    locked = false; inside = false;
+    atomic { fence(me); locked = false; inside = false };
 #endif
     STORE_BOTH(me, FIRST(count + 1), CONTENT, SECOND(count + 1), CONTENT);
-    assert(issued[count + 1] == 0);
-    issued[count + 1] = CONTENT;
-    store(me, SENT, count + 1);
-    mine = count + 1;
+    atomic {
+        assert(issued[count + 1] == 0);
+        issued[count + 1] = CONTENT;
+        store(me, SENT, count + 1);
+        mine = count + 1;
+        DIE
+    };
 #ifdef SEEN_LATE
-    DIE;
     load(me, ANSWERED, seen);
 #endif
 leave:
-    DIE;
-    fence(me);
-    locked = (inside -> false : locked);                                            /* L3 */
-    inside = false;
-    goto begin;
+    atomic {
+        fence(me);
+        locked = (inside -> false : locked);                                        /* L3 */
+        inside = false;
+        goto begin
+    };
 poll:
-    load(me, ANSWERED, head);
-    if
-    :: head > seen + DEPTH -> assert(begun >= head); seen = head - DEPTH
-    :: else
-    fi;
+    atomic {
+        load(me, ANSWERED, head);
+        if
+        :: head > seen + DEPTH -> assert(begun >= head); seen = head - DEPTH
+        :: else
+        fi
+    };
     do
     :: seen < head ->
         seen++;
         load(me, ID(seen), id);
         load(me, BODY(seen), body);
-        load(me, SEQUENCE(seen), sequence);
-        if
-        :: sequence != seen -> assert(begun >= seen + DEPTH)
-        :: sequence == seen && id == mine ->
-            assert(body == REPLY(id, outcome[id]) || body == REPLY(id, ACCEPTED));
-            mine = (body % 8 == ACCEPTED -> mine : 0)
-        :: sequence == seen && id != mine
-        fi
+        atomic {
+            load(me, SEQUENCE(seen), sequence);
+            if
+            :: sequence != seen -> assert(begun >= seen + DEPTH)
+            :: sequence == seen && id == mine ->
+                assert(body == REPLY(id, outcome[id]) || body == REPLY(id, ACCEPTED));
+                mine = (body % 8 == ACCEPTED -> mine : 0)
+            :: sequence == seen && id != mine
+            fi;
+            id = 0; body = 0; sequence = 0
+        }
     :: else -> goto begin
     od;
 killed:
-    life++;
-    EMPTY(me);
-    locked = (inside -> false : locked);
-    inside = false; seen = 0; mine = 0;
-    goto begin;
+    atomic {
+        life++; count = 0; known = 0; head = 0; id = 0; body = 0; sequence = 0; seen = 0; mine = 0
+    };
+    atomic { EMPTY(me) -> locked = (inside -> false : locked); inside = false; goto begin };
 done:
     assert(!mine || begun >= replied[mine] + DEPTH)     /* heard, or overwritten before it could be */
 }
@@ -195,8 +201,7 @@ begin:
     load(CLIENT, TAKEN, known);
     load(CLIENT, ANSWERED, seen);
 idle:
-    head = 0; id = 0; body = 0; sequence = 0;
-    DIE;
+    atomic { head = 0; DIE };
     if
     :: count < COMMANDS -> goto send
     :: memory[ANSWERED] != seen -> goto poll
@@ -216,42 +221,50 @@ send:
 #endif
 #ifdef M3_FIRST
     issued[count + 1] = CONTENT;
-    store(CLIENT, SENT, count + 1);
-    DIE;
+    PUT(CLIENT, SENT, count + 1);
 #endif
     STORE_BOTH(CLIENT, FIRST(count + 1), CONTENT, SECOND(count + 1), CONTENT);      /* M2 */
 #ifndef M3_FIRST
-    assert(issued[count + 1] == 0);
-    issued[count + 1] = CONTENT;
-    store(CLIENT, SENT, count + 1);             /* M3 */
-#endif
+    atomic {
+        assert(issued[count + 1] == 0);
+        issued[count + 1] = CONTENT;
+        store(CLIENT, SENT, count + 1);         /* M3 */
+        count++;
+        goto idle
+    };
+#else
     count++;
     goto idle;
+#endif
 poll:
-    head = 0;
-    load(CLIENT, ANSWERED, head);               /* B1 */
-    if
-    :: head > seen + DEPTH -> assert(begun >= head); seen = head - DEPTH
-    :: else
-    fi;
+    atomic {
+        load(CLIENT, ANSWERED, head);           /* B1 */
+        if
+        :: head > seen + DEPTH -> assert(begun >= head); seen = head - DEPTH
+        :: else
+        fi
+    };
     do
     :: seen < head ->
         seen++;
         load(CLIENT, ID(seen), id);             /* B2 */
         load(CLIENT, BODY(seen), body);
+        atomic {
 #ifndef NO_B3
-        load(CLIENT, SEQUENCE(seen), sequence); /* B3 */
+            load(CLIENT, SEQUENCE(seen), sequence);     /* B3 */
 #else
-        sequence = seen;
+            sequence = seen;
 #endif
-        if
-        :: sequence == seen -> assert(body == REPLY(id, outcome[id]) || body == REPLY(id, ACCEPTED))
-        :: else -> assert(begun >= seen + DEPTH)
-        fi
+            if
+            :: sequence == seen -> assert(body == REPLY(id, outcome[id]) || body == REPLY(id, ACCEPTED))
+            :: else -> assert(begun >= seen + DEPTH)
+            fi;
+            id = 0; body = 0; sequence = 0
+        }
     :: else -> goto idle
     od;
 killed:
-    life++;
+    atomic { life++; count = 0; known = 0; seen = 0; head = 0; id = 0; body = 0; sequence = 0 };
     EMPTY(CLIENT);
     goto begin;
 done:
@@ -268,19 +281,21 @@ active proctype owner() {
     bool refuse, recovers;
 begin:
     end = 0; how = 0; number = 0; at = 0; to = 0;
-    load(OWNER, TAKEN, taken);
-    load(OWNER, ANSWERED, answered);
+    atomic {    /* the only one who writes these reads them: no step of others matters in between */
+        load(OWNER, TAKEN, taken);
+        load(OWNER, ANSWERED, answered);
 #ifndef NO_V1
-    load(OWNER, SEQUENCE(answered + 1), at);    /* V1 */
-    if
-    :: at == answered + 1 -> answered++
-    :: else
-    fi;
+        load(OWNER, SEQUENCE(answered + 1), at);        /* V1 */
+        if
+        :: at == answered + 1 -> answered++
+        :: else
+        fi;
 #endif
-    store(OWNER, ANSWERED, answered);
-    DIE;
+        store(OWNER, ANSWERED, answered);
+        DIE
+    };
 #ifndef NO_V2
-    atomic {    /* the only one who writes replies reads them: no step of others matters in between */
+    atomic {
         number = (answered < DEPTH -> 0 : answered - DEPTH);                        /* V2 */
         do
         :: number < answered ->
@@ -335,54 +350,47 @@ look:
 take:
     to = 0; how = 0;
 #ifdef N3_FIRST
-    store(OWNER, TAKEN, taken + 1);
-    DIE;
+    PUT(OWNER, TAKEN, taken + 1);
 #endif
     load(OWNER, FIRST(taken + 1), first);       /* N2 */
     load(OWNER, SECOND(taken + 1), second);
     taken++;
 #if !defined(N3_FIRST) && !defined(N4_FIRST)
-    store(OWNER, TAKEN, taken);                 /* N3 */
-    DIE;
+    PUT(OWNER, TAKEN, taken);                   /* N3 */
 #endif
-    assert(first == second);
-    assert(first == issued[taken]);
-    assert(!ran[taken] && !outcome[taken]);
-    first = 0; second = 0;
-    to = taken;
-    if
-    :: refuse -> how = REFUSED
-    :: !refuse -> ran[taken] = true; how = DONE                                     /* N4 */
+    atomic {
+        assert(first == second);
+        assert(first == issued[taken]);
+        assert(!ran[taken] && !outcome[taken]);
+        first = 0; second = 0;
+        to = taken;
+        if
+        :: refuse -> how = REFUSED
+        :: !refuse -> ran[taken] = true; how = DONE                                 /* N4 */
 #ifdef ACCEPTS
-    :: !refuse && !under_way -> ran[taken] = true; how = ACCEPTED; under_way = taken
+        :: !refuse && !under_way -> ran[taken] = true; how = ACCEPTED; under_way = taken
 #endif
-    fi;
-    DIE;
+        fi;
+        DIE
+    };
 answer:
     number = answered + 1;
-    begun = number;
 #ifndef NO_A1
-    store(OWNER, SEQUENCE(number), 0);          /* A1 */
-    DIE;
+    atomic { begun = number; store(OWNER, SEQUENCE(number), 0); DIE };              /* A1 */
+#else
+    begun = number;
 #endif
 #ifdef A3_FIRST
-    answers(to, how);
-    store(OWNER, SEQUENCE(number), number);
-    DIE;
+    atomic { answers(to, how); store(OWNER, SEQUENCE(number), number); DIE };
 #endif
     STORE_BOTH(OWNER, ID(number), to, BODY(number), REPLY(to, how));                /* A2 */
 #ifndef A3_FIRST
-    answers(to, how);
-    store(OWNER, SEQUENCE(number), number);     /* A3 */
-    DIE;
+    atomic { answers(to, how); store(OWNER, SEQUENCE(number), number); DIE };       /* A3 */
 #endif
     answered = number;
-    store(OWNER, ANSWERED, answered);           /* A4 */
-    DIE;
-    number = 0;
+    atomic { store(OWNER, ANSWERED, answered); number = 0; DIE };                   /* A4 */
 #ifdef N4_FIRST
-    store(OWNER, TAKEN, taken);
-    DIE;
+    PUT(OWNER, TAKEN, taken);
 #endif
     if
 #ifndef NO_V2
@@ -393,8 +401,12 @@ answer:
     fi;
 killed:
     life++;
-    taken = 0; answered = 0; under_way = 0; refuse = false; recovers = false;
-    for (number : 0 .. COMMANDS) { last[number] = 0 }
+    d_step {
+        taken = 0; answered = 0; under_way = 0; refuse = false; recovers = false;
+        first = 0; second = 0; end = 0; how = 0; at = 0; to = 0;
+        for (number : 0 .. COMMANDS) { last[number] = 0 }
+        number = 0
+    };
     EMPTY(OWNER);
     goto begin;
 done:

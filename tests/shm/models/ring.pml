@@ -52,11 +52,14 @@ bool quiet;                 /* all is written */
 #define CONTENT (LIVES * n + life)
 #define DIE if :: skip :: life + 1 < LIVES -> goto killed fi
 
+/* A store, and perhaps death: whether it dies here is for others no step of its own. */
+#define PUT(where, what) atomic { store(WRITER, where, what); DIE }
+
 /* One memcpy: its stores may pass each other; the two cells being alike, one order of the loads covers both. */
 inline put(n, content) {
     if
-    :: store(WRITER, FIRST(n), content); DIE; store(WRITER, SECOND(n), content)
-    :: store(WRITER, SECOND(n), content); DIE; store(WRITER, FIRST(n), content)
+    :: PUT(FIRST(n), content); PUT(SECOND(n), content)
+    :: PUT(SECOND(n), content); PUT(FIRST(n), content)
     fi
 }
 
@@ -68,55 +71,51 @@ inline copy(n) {
 active proctype writer() {
     byte n, life;
 begin:
-    n = memory[HEAD];
 #ifndef NO_V1
-    if
-    :: memory[SEQUENCE(n + 1)] == n + 1 ->      /* V1 */
-        n++;
-        headed = n;
-        store(WRITER, HEAD, n);
-        DIE
-    :: else
-    fi;
+    atomic {    /* the only one who writes these reads them: no step of others matters in between */
+        n = memory[HEAD];
+        if
+        :: memory[SEQUENCE(n + 1)] == n + 1 ->  /* V1 */
+            n++;
+            headed = n;
+            store(WRITER, HEAD, n);
+            DIE
+        :: else
+        fi
+    };
+#else
+    n = memory[HEAD];
 #endif
     n++;                                        /* V2 */
     do
     ::
 #ifndef NO_W1
-        store(WRITER, SEQUENCE(n), BUSY + n);   /* W1 */
-        DIE;
+        PUT(SEQUENCE(n), BUSY + n);             /* W1 */
 #endif
         if
         :: n > RECORDS -> break
         :: else
         fi;
 #ifdef W4_FIRST
-        store(WRITER, HEAD, n);
-        DIE;
+        PUT(HEAD, n);
 #endif
 #ifdef W3_FIRST
-        ISSUE;
-        store(WRITER, SEQUENCE(n), n);
-        DIE;
+        atomic { ISSUE; store(WRITER, SEQUENCE(n), n); DIE };
 #endif
         put(n, CONTENT);                        /* W2 */
-        DIE;
 #ifndef W3_FIRST
-        ISSUE;
-        store(WRITER, SEQUENCE(n), n);          /* W3 */
-        DIE;
+        atomic { ISSUE; store(WRITER, SEQUENCE(n), n); DIE };   /* W3 */
 #endif
-        headed = n;
 #ifndef W4_FIRST
-        store(WRITER, HEAD, n);                 /* W4 */
-        DIE;
+        atomic { headed = n; store(WRITER, HEAD, n); DIE };     /* W4 */
+#else
+        headed = n;
 #endif
         n++
     od;
     EMPTY(WRITER) -> quiet = true;
     goto done;
 killed:
-    n = 0;
     life++;
 #ifndef NO_DRAIN
     EMPTY(WRITER);
@@ -169,93 +168,112 @@ proctype reader(bool in_order) {
     due = memory[HEAD] + 1;     /* attached at any time */
     counted = due - 1;
 idle:
-    n = 0; seen = 0; tries = 0; first = 0; second = 0;
-    last = quiet;
-    if
-    :: in_order -> goto next
-#ifdef MIXED
-    :: true
-#else
-    :: else
-#endif
-    fi;
-newest:
-    n = memory[HEAD];                           /* R1 */
-    if
-    :: n < sequence -> assert(n == sequence - 1); n = sequence
-    :: else
-    fi;
-    if
-    :: n == 0 -> assert(!last); goto idle
-    :: else
-    fi;
-    copy(n);                                    /* R2 */
-    if
-#ifndef NO_R3
-    :: memory[SEQUENCE(n)] != n -> AGAIN(newest)
-    :: else ->                                  /* R3 */
-#else
-    :: true ->
-#endif
-        assert(n >= sequence);
-        accept();
-        assert(!last || n == RECORDS);
+    atomic {
+        n = 0; seen = 0; tries = 0; first = 0; second = 0;
+        last = quiet;
         if
-        :: last && !in_order -> goto done
-        :: else -> goto idle
+        :: in_order -> goto next
+#ifdef MIXED
+        :: true
+#else
+        :: else
+#endif
         fi
-    fi;
+    };
+newest:
+    atomic {
+        n = memory[HEAD];                       /* R1 */
+        if
+        :: n < sequence -> assert(n == sequence - 1); n = sequence
+        :: else
+        fi;
+        if
+        :: n == 0 -> assert(!last); goto idle
+        :: else
+        fi
+    };
+    copy(n);                                    /* R2 */
+    atomic {
+        if
+#ifndef NO_R3
+        :: memory[SEQUENCE(n)] != n -> AGAIN(newest)
+        :: else ->                              /* R3 */
+#else
+        :: true ->
+#endif
+            assert(n >= sequence);
+            accept();
+            assert(!last || n == RECORDS);
+            if
+            :: last && !in_order -> goto done
+            :: else -> goto idle
+            fi
+        fi
+    };
 next:
-    n = due;
-    seen = memory[SEQUENCE(n)];                 /* S1 */
-    if
-    :: seen == n -> seen = 0; goto take
-    :: seen == BUSY + n -> goto nothing
-    :: else
-    fi;
+    atomic {
+        n = due;
+        seen = memory[SEQUENCE(n)];             /* S1 */
+        if
+        :: seen == n -> seen = 0; goto take
+        :: seen == BUSY + n -> seen = 0; goto nothing
+        :: else -> seen = 0
+        fi
+    };
 look:
     n = due;
     seen = memory[HEAD];
     if
     :: n > seen ->
-        if
-        :: memory[SEQUENCE(n)] != n -> assert(n <= seen + 2); goto nothing
-        :: else
-        fi
+        atomic {
+            if
+            :: memory[SEQUENCE(n)] != n -> assert(n <= seen + 2); goto nothing
+            :: else
+            fi
+        }
     :: else
     fi;
     if
     :: n >= OLDEST ->
         copy(n);
-        if
+        atomic {
+            if
 #ifndef NO_R3
-        :: memory[SEQUENCE(n)] != n
-        :: else -> goto got
+            :: memory[SEQUENCE(n)] != n
+            :: else -> goto got
 #else
-        :: true -> goto got
+            :: true -> goto got
 #endif
-        fi
+            fi
+        }
     :: else
     fi;
-    n = (n < OLDEST + ROOM -> OLDEST + ROOM : n + 1);
-    skip_to(n);
-    AGAIN(look);
+    atomic {
+        n = (n < OLDEST + ROOM -> OLDEST + ROOM : n + 1);
+        skip_to(n);
+        AGAIN(look)
+    };
 take:
     copy(n);
-    if
+    atomic {
+        if
 #ifndef NO_R3
-    :: memory[SEQUENCE(n)] != n -> first = 0; second = 0; goto look
-    :: else
+        :: memory[SEQUENCE(n)] != n -> first = 0; second = 0; goto look
+        :: else
 #else
-    :: true
+        :: true
 #endif
-    fi;
+        fi;
+        goto got
+    };
 got:
-    accept();
-    assert(n == due);
-    due++;
-    counted++;
-    goto idle;
+    atomic {
+        accept();
+        assert(n == due);
+        due++;
+        counted++;
+        goto idle
+    };
 nothing:
     if
     :: last -> assert(counted == RECORDS && due == RECORDS + 1); goto done

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from contextlib import closing
 from typing import Any
+from unittest.mock import patch
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,6 +16,7 @@ from tests.conftest import World
 from tests.examples import examples
 from tests.shm.witness import Author, Lives, Witness, topic
 from trocar.shm.memory.segment import Segment, segment_name, unlink
+from trocar.shm.ring import ring
 from trocar.shm.ring.ring import HEAD, RingReader, RingWriter
 from trocar.shm.system.directory import create_ring
 
@@ -76,21 +78,22 @@ class RingPair:
         unlink(self.name)
 
 
+BLOCKS = st.sampled_from([1, 3, ring.BLOCK])
 PACES = st.lists(st.sampled_from([0, 0, 0, 0, 1, 1, 2, 3, KEPT, 3 * KEPT]), max_size=40)
 
 
 @examples(150)
-@given(pace=PACES, count=st.integers(0, SLOTS + 2))
-def test_last_gives_all_that_was_not_overwritten(pace: list[int], count: int) -> None:
-    with closing(RingPair(pace)) as pair:
+@given(pace=PACES, count=st.integers(0, SLOTS + 2), block=BLOCKS)
+def test_last_gives_all_that_was_not_overwritten(pace: list[int], count: int, block: int) -> None:
+    with closing(RingPair(pace)) as pair, patch.object(ring, "BLOCK", block):
         found = pair.witness.history(pair.reader.last(count))
         assert found == pair.expected(pair.words.newest_at[HEAD] - count + 1)
 
 
 @examples(150)
-@given(pace=PACES, back=st.integers(-3, SLOTS + 2))
-def test_since_gives_all_that_was_not_overwritten(pace: list[int], back: int) -> None:
-    with closing(RingPair(pace)) as pair:
+@given(pace=PACES, back=st.integers(-3, SLOTS + 2), block=BLOCKS)
+def test_since_gives_all_that_was_not_overwritten(pace: list[int], back: int, block: int) -> None:
+    with closing(RingPair(pace)) as pair, patch.object(ring, "BLOCK", block):
         found = pair.witness.history(pair.reader.since(BEFORE - back))
         assert found == pair.expected(BEFORE - back)
 

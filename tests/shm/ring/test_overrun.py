@@ -34,7 +34,7 @@ def put(writer: RingWriter) -> None:
 
 @pytest.mark.parametrize("depth", [4, 5, 64])
 def test_an_overrun_reader_gets_away_from_a_quick_writer(world: Any, depth: int) -> None:
-    topic = Topic("number", "io", 0, 0, FIELDS, depth=depth)
+    topic = Topic("number", "io", FIELDS, depth=depth)
     create_ring(world.name, "io", topic, {}, {})
     name = segment_name(world.name, "io", "number")
     writer, reader = RingWriter(Segment(name, write=True), "io"), RingReader(Segment(name))

@@ -12,6 +12,7 @@ from tests.shm.process import Actor, Program
 from tests.shm.simulated import FIRST, PAIR, Change, Real, private
 from trocar.shm.ring.ring import HEAD
 
+pytestmark = pytest.mark.searches
 W2, W3, W4 = "self._slot[ALL] = self._source  # W2", "words[self._at] = n  # W3", "words[HEAD] = n  # W4"
 VIOLATION = r"AssertionError|at the end"  # and not a mistake in the mutant's text
 PUBLISH = f"        {W2}\n        {W3}\n        {W4}\n"
@@ -173,7 +174,6 @@ def test_a_killed_writer_and_its_successor_harm_nobody() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.searches
 @pytest.mark.parametrize(("depth", "count", "verbs", "heir", "kill", "outcomes"), [
     (3, 4, ("newest next last2 since",), 0, "", 24),
     pytest.param(2, 5, ("fresh next fresh next",), 0, "", 117, marks=pytest.mark.soak),
@@ -215,7 +215,7 @@ MUTANTS: dict[str, tuple[tuple[int, str], tuple[Change, ...]]] = {
         ("ring", "if seen == n:", "if seen:"), ("ring", NEXT, NEXT.replace("words[at] == n", "True")))),
     "one too few is counted lost": (NEXT_TWICE, (
         ("ring", "self.lost += max(1, oldest + room - n)", "self.lost += max(1, oldest + room - n) - 1"),)),
-    "history does not look again": ((2, "last2"), (("ring", "if self._words[at] != n:", "if False:"),)),
+    "history does not look again": ((2, "last2"), (("ring", "if words[at] != n:", "if False:"),)),
 }
 
 

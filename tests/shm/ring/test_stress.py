@@ -17,7 +17,7 @@ READ = "from tests.shm.ring.crowd import read; read()"
 CROWD = ("next", "next", "next", "next", "newest", "newest", "newest", "history")
 SIZES = {216: 256, 4096: 64}  # bytes of payload: slots
 FULL_SPEED, TABLED = 0, 1500
-SHORT, LONG = 60_000, 1_000_000  # reads by all eight together
+SHORT, LONG = 24_000, 1_000_000  # reads by all eight together
 
 
 def meet(world: Any, size: int, rate_hz: int, reads: int) -> list[dict[str, Any]]:

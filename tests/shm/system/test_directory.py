@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
 
+from tests.conftest import World
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.mailbox_map import create_mailbox
 from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.slots import PlacesOnDemand
 from trocar.shm.system import directory
 from trocar.shm.time.control_page import create_control
 from trocar.shm.topics import ARM_STATE, EVENTS, IO_STATE, SETPOINT
@@ -59,10 +62,13 @@ def test_a_reader_needs_no_table(system: str) -> None:
     reader.close()
 
 
-def test_the_depth_follows_from_seconds_and_rate(system: str) -> None:
-    reader = directory.reader(system, "PSM1", "setpoint", "arm")
-    assert reader._depth == 4500
+@pytest.mark.parametrize(("rate_hz", "kept_s", "depth"), [(1500.0, 2.0, 3000), (3000.0, 0.5, 1500), (10.0, 2.0, 256)])
+def test_the_depth_follows_from_seconds_and_rate(world: World, rate_hz: float, kept_s: float, depth: int) -> None:
+    directory.create_ring(world.name, "PSM2", SETPOINT, {}, {"rate_hz": rate_hz}, history_s=kept_s)
+    reader = directory.reader(world.name, "PSM2", "setpoint", "arm")
+    assert reader.depth == depth
     reader.close()
+    world.remove()
 
 
 def test_a_writer_of_our_table_fits_and_another_kind_does_not(system: str) -> None:
@@ -85,3 +91,16 @@ def test_a_system_that_is_not_up_is_told() -> None:
     with pytest.raises(SegmentError, match="is the system up"):
         directory.document("nosuchsystem")
     assert directory.instances("nosuchsystem") == []
+
+
+def test_only_periodic_rings_keep_a_place_for_each_slot(system: str) -> None:
+    with closing(directory.writer(system, "PSM1", "events", "arm")) as writer:
+        reader = directory.reader(system, "PSM1", "events", "arm")
+        assert isinstance(writer._places, PlacesOnDemand) and isinstance(reader._places, PlacesOnDemand)
+        for stamp_ns in range(1, 2 * reader.depth):
+            writer.publish(stamp_ns)
+            assert reader.next() and reader.stamp_ns == stamp_ns
+        reader.close()
+    for often in (True, False):
+        with closing(directory.reader(system, "PSM1", "setpoint", "arm", often=often)) as setpoint:
+            assert isinstance(setpoint._places, PlacesOnDemand) is not often

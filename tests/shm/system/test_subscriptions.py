@@ -13,15 +13,16 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from tests.conftest import World
 from tests.examples import examples
 from trocar.shm.memory.locks import AllTaken
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.memory.rows import Field, Topic
-from trocar.shm.memory.segment import SegmentError, names_of, segment_name, unlink
-from trocar.shm.system.subscriptions import CELLS, Cells, Clearing, Subscriber, Subscriptions
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system.subscriptions import CELLS, EVERY, Cells, Clearing, Subscriber, Subscriptions
 from trocar.shm.time.control_page import SUBSCRIBERS, ControlPage, create_control
 from trocar.shm.topics import EVENTS
 
-STATE = Topic("state", "arm", 100, 1.0, (Field("valid", "?", "", ""), Field("force", "<f8", "N", "", "wrench"),
-                                         Field("torque", "<f8", "N·m", "", "wrench"),
-                                         Field("columns", "<f8", "", "", "jacobian")))
+STATE = Topic("state", "arm", rate_hz=100, depth=100, fields=(
+    Field("valid", "?", "", ""), Field("force", "<f8", "N", "", "wrench"),
+    Field("torque", "<f8", "N·m", "", "wrench"), Field("columns", "<f8", "", "", "jacobian")))
 WANTED = ["state", "state/wrench", "state/jacobian", "events"]
 
 
@@ -58,6 +59,20 @@ def instance(system: str) -> Iterator[Instance]:
 def die(subscriber: Subscriber) -> None:
     """As far as others can see, it was killed: its file is closed, its cell is as it was."""
     subscriber._page.close()
+
+
+def test_a_reader_of_every_record_says_so_as_long_as_it_wants_any(system: str, instance: Instance) -> None:
+    some, all_of_them = Subscriber(system, "PSM1"), Subscriber(system, "PSM1", every=True)
+    some.want("state")
+    assert instance.wanted() == ["state"] and not instance.subscriptions.wanted & EVERY
+    all_of_them.want("state", "wrench")
+    assert instance.wanted() == ["state", "state/wrench"] and instance.subscriptions.wanted & EVERY
+    all_of_them.drop("state", "wrench")
+    assert instance.wanted() == ["state"] and instance.subscriptions.wanted & EVERY
+    all_of_them.drop("state")
+    assert instance.wanted() == ["state"] and not instance.subscriptions.wanted & EVERY
+    some.close()
+    all_of_them.close()
 
 
 def test_the_page_lists_topics_and_groups_in_the_order_of_their_bits(system: str) -> None:
@@ -120,8 +135,9 @@ def test_an_absent_instance_has_no_subscribers(system: str) -> None:
 
 
 def test_more_things_than_bits_are_refused_at_the_start(world: World) -> None:
-    topic = Topic("state", "arm", 100, 1.0, tuple(Field(f"f{i}", "?", "", "", f"g{i}") for i in range(64)))
-    with pytest.raises(SegmentError, match="65 topics and groups of fields; allowed are 64"):
+    topic = Topic("state", "arm", rate_hz=100, depth=100,
+                  fields=tuple(Field(f"f{i}", "?", "", "", f"g{i}") for i in range(64)))
+    with pytest.raises(SegmentError, match="65 topics and groups of fields; allowed are 63"):
         create_control(world.name, "PSM1", topics=(topic,))
 
 
@@ -213,8 +229,7 @@ class Subscribed(RuleBasedStateMachine):
         for subscriber, _ in self.alive:
             subscriber.close()
         self.instance.close()
-        for parts in names_of(self.system):
-            unlink(segment_name(*parts))
+        remove_all(self.system)
 
     @precondition(lambda self: len(self.alive) < 5)
     @rule()

@@ -13,7 +13,7 @@ from tests.shm.process import Actor, Address, Program
 from tests.shm.simulated import Change, Real
 from trocar.shm.time.lockstep import SCHEMA, Table
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.searches]
 
 Wishes = dict[str, tuple[int, ...]]
 NEWS: Address = "news", 0
@@ -131,26 +131,18 @@ def test_two_who_wake_together_wait_for_each_other() -> None:
     assert lockstep(Real(), {"A": (1,), "B": (1,)}).explore().outcomes == 323
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 def test_who_has_news_holds_time_until_it_was_heard() -> None:
     assert news(Real()).explore().outcomes == 4_130
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 def test_who_falls_asleep_hears_at_once_what_was_said_while_it_was_awake() -> None:
     assert news_for_who_is_awake(Real()).explore().outcomes == 2_372
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 def test_everybody_wakes_at_its_time() -> None:
     assert lockstep(Real(), {"A": (1, 2), "B": (2,)}).explore().outcomes == 4_681
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 def test_a_death_at_any_step_leaves_nobody_behind() -> None:
     assert lockstep(Real(), {"A": (1,), "B": (1,)}, kill="B").explore().outcomes == 1_287
 
@@ -180,8 +172,6 @@ MUTANTS: dict[str, tuple[Callable[[Real], Explorer], tuple[Change, ...]]] = {  #
 }
 
 
-@pytest.mark.slow
-@pytest.mark.searches
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_seeded_mutant_of_lock_step_is_caught(name: str) -> None:
     search, changes = MUTANTS[name]

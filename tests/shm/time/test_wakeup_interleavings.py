@@ -8,6 +8,7 @@ from tests.shm.interleave import Broken, Explorer, Outcome
 from tests.shm.process import Actor, Program
 from tests.shm.simulated import Change, Real
 
+pytestmark = pytest.mark.searches
 LONG = 10**12
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from typer.testing import CliRunner, Result
 
 from tests.examples import examples
 from tests.recordings.made import BEGIN_NS, STATE, STEP_NS, rows_of, written
@@ -23,13 +22,14 @@ from trocar.procs.recordings.reading import Records, open_recording
 from trocar.procs.recordings.writing import ChannelTable, RecordingFile
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.topics import ARM_STATE
+from trocar.tools import cli
 from trocar.tools.analysis.choosing import Stretch
 from trocar.tools.analysis.comparing import Comparing, as_dict
 from trocar.tools.analysis.differences import SEQUENCE, STAMP, START, compared, distance, in_common, paired, same
 from trocar.tools.analysis.tolerances import parsed, tolerance_of
 from trocar.tools.output.errors import Misuse, Problem
 
-ROOT = Path(__file__).resolve().parents[3]
+APP = cli.build()
 
 
 def records(rows: NDArray[Any]) -> Records:
@@ -51,15 +51,14 @@ def saved(folder: Path, name: str, rows: NDArray[Any], topic: str = "state") -> 
     return path
 
 
-def run(*words: Any) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-P", "-m", "trocar", "compare", *map(str, words)], cwd=ROOT, text=True,
-                          capture_output=True, check=False)
+def run(*words: Any) -> Result:
+    return CliRunner().invoke(APP, ["compare", *map(str, words)])
 
 
 def test_a_recording_is_equal_to_itself(tmp_path: Path) -> None:
     path = saved(tmp_path, "a.mcap", rows_of(STATE, 50))  # any bits, NaN among them
     found = run(path, path)
-    assert found.returncode == 0 and "equal: 50 records of 1 topics, bit for bit" in found.stdout, found
+    assert found.exit_code == 0 and "equal: 50 records of 1 topics, bit for bit" in found.stdout, found
 
 
 def test_the_same_number_of_another_type_is_not_the_same(tmp_path: Path) -> None:
@@ -90,7 +89,7 @@ def test_a_difference_is_told_with_its_place_and_size(tmp_path: Path) -> None:
     found = run(a, b, "--json")
     said = json.loads(found.stdout)
     (field,) = said["topics"][0]["fields"]
-    assert found.returncode == 1 and said["outcome"] == "different" and field["field"] == "position"
+    assert found.exit_code == 1 and said["outcome"] == "different" and field["field"] == "position"
     assert (field["differing"], field["max"], field["unit"]) == (2, 0.5, "rad")
     assert field["first"] == {"stamp_ns": 7 * STEP_NS + 5, "sequence": 8, "element": 1, "a": 15.0, "b": 15.25}
     assert field["worst"]["sequence"] == 10 and field["rms"] == pytest.approx(np.sqrt((0.25**2 + 0.5**2) / 80))
@@ -107,9 +106,9 @@ def test_what_is_within_its_tolerance_is_fine(tmp_path: Path) -> None:
     for tolerance, code in (("position=1.1mrad", 0), ("PSM1/*.position=0.1deg", 0), ("0.0011", 0), ("1.1mrad", 0),
                             ("position=0.9mrad", 1), ("1mm", 1), ("matrix=1", 1)):
         found = run(a, b, "--tolerance", tolerance)
-        assert found.returncode == code, (tolerance, found)
+        assert found.exit_code == code, (tolerance, found)
     assert "within the tolerances" in run(a, b, "--tolerance", "0.01").stdout
-    assert run(a, b, "--tolerance", "position=1parsec").returncode == 2
+    assert run(a, b, "--tolerance", "position=1parsec").exit_code == 2
 
 
 @pytest.mark.slow
@@ -117,17 +116,17 @@ def test_records_that_one_lacks_are_told(tmp_path: Path) -> None:
     rows = sane()
     a, b = saved(tmp_path, "a.mcap", rows), saved(tmp_path, "b.mcap", np.delete(rows, [3, 4, 39]))
     found = run(a, b)
-    assert found.returncode == 1 and "3 records are only in A" in found.stdout
+    assert found.exit_code == 1 and "3 records are only in A" in found.stdout
     assert run(b, a, "--json").stdout.count('"only_b": 3') == 1
-    assert run(a, saved(tmp_path, "c.mcap", rows[5:30]), "--common").returncode == 0
+    assert run(a, saved(tmp_path, "c.mcap", rows[5:30]), "--common").exit_code == 0
 
 
 @pytest.mark.slow
 def test_a_topic_that_one_lacks_is_told(tmp_path: Path) -> None:
     a, b = saved(tmp_path, "a.mcap", sane()), saved(tmp_path, "b.mcap", sane(), topic="setpoint")
     found = run(a, b)
-    assert found.returncode == 1 and "only A has PSM1/state" in found.stdout and "no topic in common" in found.stdout
-    assert run(a, a, "--topics", "PSM2/state").returncode == 1 and run(a, a, "--topics", "PSM?/*").returncode == 0
+    assert found.exit_code == 1 and "only A has PSM1/state" in found.stdout and "no topic in common" in found.stdout
+    assert run(a, a, "--topics", "PSM2/state").exit_code == 1 and run(a, a, "--topics", "PSM?/*").exit_code == 0
 
 
 @pytest.mark.slow
@@ -136,7 +135,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     bad.write_bytes(b"x" * 100)
     assert "is no MCAP file" in run(good, bad).stderr
     assert "no such file" in run(good, tmp_path / "none.mcap").stderr
-    assert run(good, good, "--align", "colour").returncode == 2
+    assert run(good, good, "--align", "colour").exit_code == 2
 
 
 def test_runs_that_begin_at_other_times_are_aligned() -> None:
@@ -221,11 +220,11 @@ def test_what_was_computed_on_demand_in_one_of_them_is_left_out(tmp_path: Path) 
         with path.open("wb", buffering=0) as stream:
             written(stream, {("PSM1", "state"): (schema, each)})
     found = run(*paths)
-    assert found.returncode == 0 and "not requested all the time: PSM1/state.body_measured_cf" in found.stdout
+    assert found.exit_code == 0 and "not requested all the time: PSM1/state.body_measured_cf" in found.stdout
     other["body_measured_cf"] = 1.0
     with paths[1].open("wb", buffering=0) as stream:
         written(stream, {("PSM1", "state"): (schema, other)})
-    assert run(*paths).returncode == 1
+    assert run(*paths).exit_code == 1
 
 
 def steady(folder: Path, name: str, kind: str = names.NAMED, **topics: tuple[int, int]) -> Path:
@@ -288,7 +287,7 @@ def test_runs_at_other_times_have_their_first_seconds_in_common(tmp_path: Path) 
 def test_nothing_that_was_compared_is_never_equal(tmp_path: Path) -> None:
     a, b = saved(tmp_path, "a.mcap", sane(0)), saved(tmp_path, "b.mcap", sane(0))
     found = run(a, b)
-    assert found.returncode == 1 and "nothing was compared" in found.stdout, found
+    assert found.exit_code == 1 and "nothing was compared" in found.stdout, found
     rows = saved(tmp_path, "c.mcap", sane(40))
     with open_recording(rows) as one, open_recording(rows) as other:
         none = Comparing(STAMP).of(one, other, (Stretch(1 << 40), Stretch(1 << 40)))

@@ -31,8 +31,8 @@ def test_they_run_when_the_script_looks_and_not_before(world: World) -> None:
         callbacks.set("status", None)
         scripted.events.status("three", "PSM1")
         assert callbacks.run() == 0
-        with pytest.raises(Problem, match="no event statu; did you mean status"):
-            callbacks.set("statu", seen.append)
+        with pytest.raises(Problem, match="no event sttus; did you mean status"):
+            callbacks.set("sttus", seen.append)
         callbacks.close()
 
 

@@ -10,8 +10,8 @@ from tests.conftest import ROOT
 WITHOUT = """
 import sys
 
-ABSENT = {"posix_ipc", "fcntl", "grp", "pwd", "mujoco", "pinocchio", "psutil", "pydantic", "yaml", "ruckig", "typer",
-          "rich", "websockets", "cyclonedds"}
+ABSENT = {"posix_ipc", "_posixshmem", "fcntl", "grp", "pwd", "mujoco", "pinocchio", "psutil", "pydantic", "yaml",
+          "typer", "rich", "websockets", "cyclonedds"}
 
 class Absent:
     def find_spec(self, name, path=None, target=None):
@@ -19,6 +19,7 @@ class Absent:
             raise ModuleNotFoundError(f"no module {name}", name=name)
 
 sys.meta_path.insert(0, Absent())
+sys.platform = "darwin"
 import time
 for name in ("CLOCK_BOOTTIME", "CLOCK_REALTIME", "CLOCK_MONOTONIC"):  # Windows has none of them
     delattr(time, name)

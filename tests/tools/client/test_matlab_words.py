@@ -50,8 +50,8 @@ def test_a_file_keeps_to_what_both_understand(path: Path) -> None:
     assert lines[1].strip().startswith("%"), "help for it"
 
 
-def test_the_page_tells_every_word() -> None:
-    page = (ROOT / "docs" / "matlab.md").read_text(encoding="utf-8")
+def test_the_page_and_that_of_python_have_every_word() -> None:
+    page = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("matlab.md", "python.md"))
     told = set(re.findall(r"\w+", page)) | {"trajectory_j_get_ratio_v", "trajectory_j_get_ratio_a",
                                             "trajectory_j_set_ratio_v", "trajectory_j_set_ratio_a"}
     assert not {word for name, kind in CLASSES.items() for word in dir(kind)

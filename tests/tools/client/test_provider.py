@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import os
@@ -16,11 +17,13 @@ import trocar
 from tests.conftest import World
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.user_process import UserCommand, UserField, UserProcess
-from trocar.procs.node import node_memory
+from trocar.procs.node.life import document_of
+from trocar.procs.node.node import Node
 from trocar.procs.node.pacing import Pauses
-from trocar.procs.supervisor.memory import clear_left_over, create_all, remove_all
+from trocar.procs.supervisor.memory import clear_left_over, create_all
 from trocar.shm.mailbox.client import Client, Reply
-from trocar.shm.mailbox.origins import ACTING, NOBODY
+from trocar.shm.mailbox.origins import ACTING, NO_ORIGIN
+from trocar.shm.memory.parts import remove_all
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
@@ -101,7 +104,7 @@ class ProviderClock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> ProviderClock:
     made = ProviderClock()
-    monkeypatch.setattr(node_memory, "Pauses", lambda limit_ns: Pauses(limit_ns, made))
+    monkeypatch.setattr("trocar.procs.node.node.Pauses", lambda limit_ns: Pauses(limit_ns, made))
     return made
 
 
@@ -168,6 +171,20 @@ def test_the_end_of_a_stream_has_it_hold_but_not_by_the_word_of_another_program(
     other.close()
     with trocar.provide("MTMR", system=place.name) as master:
         assert place.ask(master, "end_stream").outcome == "done", "it does nothing that could be ended"
+
+
+def test_stops_of_other_programs_are_counted_for_teleoperations(place: Place) -> None:
+    with trocar.provide("MTMR", place.name, commands={"hold": lambda values, text: None}) as master:
+        for name, text in (("hold", ""), ("end_stream", ""), ("state_command", "disable"), ("state_command", "home")):
+            place.ask(master, name, (), text)
+        master.write(np.eye(4))
+        assert place.value("stops") == 2, "the end of a stream is not one; a refused stop is"
+        assert place.value("stopped_by").item().endswith(b"(state_command)")
+
+
+def test_the_result_of_a_function_is_the_answer(place: Place) -> None:
+    with trocar.provide("MTMR", place.name, commands={"hold": lambda values, text: "it stands"}) as master:
+        assert place.ask(master, "hold").text == "it stands"
 
 
 def test_what_it_does_not_carry_out_is_refused_in_plain_words(place: Place) -> None:
@@ -244,7 +261,7 @@ def test_a_program_that_hangs_is_not_in_the_way_of_the_next_system(place: Place)
 def test_wrong_commands_and_rates_are_told_at_once(place: Place) -> None:
     with pytest.raises(ValueError, match="there is no command fly"):
         trocar.provide("MTMR", place.name, commands={"fly": print})
-    with pytest.raises(ValueError, match="allowed are 50 to 2000"):
+    with pytest.raises(ValueError, match="allowed: 50 to 2000"):
         trocar.provide("MTMR", place.name, rate=10)
 
 
@@ -290,7 +307,7 @@ def test_states_are_those_of_arms(place: Place) -> None:
         assert place.value("state").item() == b"FAULT" and not place.value("is_homed")
         assert "cable pulled" in place.value("sub_state").item().decode()
         assert place.ask(master, "state_command", (), "home").outcome == "refused"
-        with pytest.raises(ValueError, match="allowed are DISABLED, ENABLED"):
+        with pytest.raises(ValueError, match="allowed: DISABLED, ENABLED"):
             master.set_state("HAPPY")
 
 
@@ -338,6 +355,18 @@ def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], cloc
         assert place.value("measured_cp")[0] == 0.1
 
 
+def test_a_program_that_was_held_up_before_its_first_record_is_still_the_same(
+        made: Callable[..., Place], clock: ProviderClock) -> None:
+    place = made()
+    with trocar.provide("MTMR", place.name, program="mine") as master:
+        master.set_state("PAUSED")
+        assert master.tick()
+        clock.now_ns += 501_000_000
+        assert master.tick() and master.held_up_s
+        master.write(np.eye(4))
+        assert place.value("program") == b"mine" and place.value("state") == b"PAUSED"
+
+
 def test_a_pause_between_two_ticks_is_told_to_the_program(made: Callable[..., Place], clock: ProviderClock) -> None:
     place = made()
     with trocar.provide("MTMR", place.name, rate=1000) as master:
@@ -361,7 +390,7 @@ def declared(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
             UserProcess("MTMR", "mine.py", 0.005, commands=commands),)))
         Place.beat(SimpleNamespace(name=world.name))  # type: ignore[arg-type]
 
-    monkeypatch.setattr(ACTING, "origin", NOBODY)
+    monkeypatch.setattr(ACTING, "origin", NO_ORIGIN)
     yield make
     remove_all(world.name)
 
@@ -384,7 +413,8 @@ class DeclaredMaster(trocar.Process):
 def test_a_declared_one_has_commands_of_its_own_besides_those_of_its_place(
         world: World, declared: Callable[..., None]) -> None:
     declared(UserCommand("mode", (UserField("name", "text[20]"),)))
-    master, ring = DeclaredMaster(world.name, "MTMR"), directory.reader(world.name, "MTMR", "state")
+    master = DeclaredMaster(Node(document_of(world.name), "MTMR"))
+    ring = directory.reader(world.name, "MTMR", "state")
     master.begin()
     client = Client(world.name, "MTMR")
     for command, values, text in (("mode", (), "fine"), ("servo_cp", (0, 0, 0, 0, 0, 0, 1), ""), ("move_cp", (), "")):
@@ -395,12 +425,13 @@ def test_a_declared_one_has_commands_of_its_own_besides_those_of_its_place(
                        ("refused", "move_cp: MTMR is mine, a program that does not support move_cp")]
     master.master.write(np.eye(4))
     master.master.close()
-    assert ring.newest() and ring.field("reference_valid") and master.own.page.state == "RUNNING", "it ends by itself"
-    for part in (master, ring, client):
+    assert ring.newest() and ring.field("reference_valid") and master.node.page.state == "RUNNING", "it ends by itself"
+    for part in (master.node, ring, client):
         part.close()
 
 
 def test_a_command_of_every_such_arm_cannot_be_declared_anew(world: World, declared: Callable[..., None]) -> None:
     declared(UserCommand("hold"))
-    with pytest.raises(ValueError, match="hold: every third_party has this command"):
-        DeclaredMaster(world.name, "MTMR")
+    with (contextlib.closing(Node(document_of(world.name), "MTMR")) as node,
+          pytest.raises(ValueError, match="hold: every third_party has this command")):
+        DeclaredMaster(node)

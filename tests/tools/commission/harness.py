@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -36,6 +35,8 @@ class Hands(PersonSim):
     def _do(self, command: str, values: Sequence[float], text: str) -> None:
         if command == "set_position":
             self._faults.place(text, np.array(values))
+        elif command == "move_by_hand":
+            self._faults.place(text, np.array(values), by_hand=True)
         elif command == "support":
             self._faults.support(text, bool(values[0]))
         elif command == "press":
@@ -92,4 +93,3 @@ class RigBench:
         self.harness.run(0.1)
 
 
-__all__ = ["RigBench", "dataclasses"]

@@ -31,7 +31,7 @@ def test_offsets_that_are_wrong_are_found_and_written_into_a_new_file(tmp_path: 
     outcome = calibrate.run(bench, tmp_path)
     assert outcome.problems == []
     assert IO_FILE.read_bytes() == before
-    made = tmp_path / "PSM1-demo-calibrated.json"
+    made = tmp_path / "PSM1-demo-rehearsed.json"
     assert not check_file(made).problems
     was, now = _pots(IO_FILE), _pots(made)
     assert [row["scale"] for row in now] == pytest.approx([row["scale"] for row in was], rel=5e-3)
@@ -43,7 +43,7 @@ def test_axes_that_cannot_be_held_at_zero_keep_their_offsets(tmp_path: Path) -> 
     bench = RigBench("demo.yaml")
     bench.person.chosen = lambda question, axes: (3, 4, 5, 6)
     calibrate.run(bench, tmp_path)
-    was, now = _pots(IO_FILE), _pots(tmp_path / "PSM1-demo-calibrated.json")
+    was, now = _pots(IO_FILE), _pots(tmp_path / "PSM1-demo-rehearsed.json")
     assert [row["offset"] for row in now[:3]] == [row["offset"] for row in was[:3]]
 
 
@@ -68,7 +68,7 @@ def test_a_master_is_calibrated_in_the_space_of_its_potentiometers_and_so_is_its
     outcome = calibrate.run(bench, tmp_path)
     assert outcome.problems == []
     for name, count in (("MTML-demo", 6), ("MTML-gripper-demo", 1)):
-        was, now = _pots(PROJECT_CONFIGS / "io" / f"{name}.yaml"), _pots(tmp_path / f"{name}-calibrated.json")
+        was, now = _pots(PROJECT_CONFIGS / "io" / f"{name}.yaml"), _pots(tmp_path / f"{name}-rehearsed.json")
         for axis in range(count):
             assert now[axis]["scale"] == pytest.approx(was[axis]["scale"], rel=0.02)
             assert now[axis]["offset"] == pytest.approx(was[axis]["offset"], rel=0.02, abs=0.02)
@@ -94,7 +94,7 @@ def site_file(tmp_path: Path) -> Path:
 
 def test_a_sites_own_file_is_changed_only_when_asked_and_its_content_is_kept(site_file: Path) -> None:
     before = site_file.read_text()
-    saved = io_file.save(site_file, {"PSM1": {1: (-0.51, 1.13)}}, site_file.parent, write=True)
+    saved = io_file.save(site_file, {"PSM1": io_file.line_of(1, -0.51, 1.13)}, site_file.parent, write=True)
     assert (site_file.parent / f"{site_file.name}.bak1").read_text() == before
     assert [line for line in saved.diff.splitlines() if line[:1] == "+"][1:] == [
         '+                            "scale": -0.51,', '+                            "offset": 1.13']
@@ -105,12 +105,26 @@ def test_a_sites_own_file_is_changed_only_when_asked_and_its_content_is_kept(sit
 
 def test_a_file_that_would_lose_its_comments_is_not_written_over(tmp_path: Path) -> None:
     with pytest.raises(Problem, match="is no JSON and would lose its comments"):
-        io_file.save(IO_FILE, {"PSM1": {1: (-0.51, 1.13)}}, tmp_path, write=True)
+        io_file.save(IO_FILE, {"PSM1": io_file.line_of(1, -0.51, 1.13)}, tmp_path, write=True)
 
 
 def test_values_that_are_none_are_not_written(site_file: Path) -> None:
     before = site_file.read_text()
-    with pytest.raises(Problem, match="PSM1 axis 1: nan and 0 cannot be written"):
-        io_file.save(site_file, {"PSM1": {1: (float("nan"), 0.0)}}, site_file.parent, write=True)
+    with pytest.raises(Problem, match=r"PSM1 actuators\.1\..*scale: nan cannot be written"):
+        io_file.save(site_file, {"PSM1": io_file.line_of(1, float("nan"), 0.0)}, site_file.parent, write=True)
     assert site_file.read_text() == before
     assert [path.name for path in site_file.parent.iterdir()] == [site_file.name]
+
+
+def test_values_of_a_robot_that_the_file_no_longer_has_are_not_dropped(site_file: Path) -> None:
+    with pytest.raises(Problem, match="robot PSM9 is missing"):
+        io_file.save(site_file, {"PSM9": io_file.line_of(1, -0.51, 1.13)}, site_file.parent, write=True)
+
+
+def test_a_rehearsal_leaves_calibrated_files_of_the_robot_alone(site_file: Path) -> None:
+    values = {"PSM1": io_file.line_of(1, -0.51, 1.13)}
+    real = io_file.save(site_file, values, site_file.parent, write=False).path
+    before = real.read_bytes()
+    rehearsed = io_file.save(site_file, {"PSM1": io_file.line_of(1, -0.6, 1.0)}, site_file.parent, write=False,
+                             rehearsed=True)
+    assert real.read_bytes() == before and rehearsed.path != real and "rehearsed" in rehearsed.path.name

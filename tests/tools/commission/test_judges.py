@@ -45,7 +45,7 @@ def _board(number: int, **changes) -> FoundBoard:
     ([_board(6)], "PSM1, board 7 on IO1 (udp:127.0.0.16): it is missing; found are 6; allowed: board 7"),
     ([_board(6), _board(7), _board(7, node=3)], "2 boards have this number; allowed: one; set every rotary switch"),
     ([_board(6), _board(7, hardware="DQLA")], "board 7 on IO1 (udp:127.0.0.16): it is a DQLA; allowed: QLA1"),
-    ([_board(6), _board(7, firmware=5)], "firmware Rev 5; allowed: Rev 7, 8, 9; update its firmware"),
+    ([_board(6), _board(7, firmware=5)], "firmware Rev 5; allowed: Rev 7, 8, 9, 10; update its firmware"),
 ])
 def test_boards_that_are_missing_double_or_others_are_named(bench: RigBench, boards, says: str) -> None:
     io = dataclasses.replace(bench.document.io("IO1"), port="udp:127.0.0.16")

@@ -34,6 +34,13 @@ def test_only_the_very_word_confirms(types) -> None:
             types(f"{reported}\n").confirm("power!", "PSM1")
 
 
+def test_the_end_of_input_confirms_nothing(types) -> None:
+    for asked in (lambda person: person.confirm("power!", "PSM1"), lambda person: person.agrees("Did it move?"),
+                  lambda person: person.chosen("Which?", (3, 4))):
+        with pytest.raises(Declined, match="not confirmed: the input has ended"):
+            asked(types(""))
+
+
 def test_questions_are_asked_until_they_are_answered(types) -> None:
     assert types("perhaps\ny\n").agrees("Did it move?")
     assert not types("n\n").agrees("Did it move?")

@@ -167,7 +167,7 @@ PIECES = (
 @pytest.mark.parametrize("sample", SAMPLES, ids=["io", "pid", "rob", "console", "arm"])
 def test_whatever_is_broken_is_told_and_never_raises(sample: bytes) -> None:
     chance = random.Random(7)
-    for _ in range(600):
+    for _ in range(200):
         start = chance.randrange(len(sample))
         end = min(len(sample), start + chance.choice((0, 1, 3, 12, 60)))
         broken = sample[:start] + chance.choice(PIECES) + sample[end:]

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.old import GEAR, actuator, config, convert, drive, matrix, one_problem, only, outcomes, robot, three
-from trocar.tools.converters import CONVERTED, DEFAULTED, DROPPED, LOST
+from trocar.tools.converters import DEFAULTED, DROPPED, LOST
 
 NUMBERS = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)
 
@@ -61,13 +61,6 @@ def test_version_five_is_in_si_units() -> None:
 def test_a_stated_unit_counts_before_the_version() -> None:
     text = config(new_spelling(robot(actuator(0, unit="deg"), 1)), 5)
     assert first(text)["actuators"][0]["encoder"]["bits_to_position"]["scale"] == math.radians(GEAR)
-
-
-def test_unit_changes_are_told_with_line_and_both_values() -> None:
-    result = convert(config(robot(actuator(0, unit="deg"), 1)))
-    change = next(c for c in result.changes if c.key.endswith("PositionLimitsSoft@Lower"))
-    assert (change.line, change.outcome, change.old, change.new) == (6, CONVERTED, "-90 deg", "-1.57079633 rad")
-    assert str(change).startswith("old.xml:6: converted: Robot/Actuator/Encoder/PositionLimitsSoft@Lower = -90 deg → ")
 
 
 def test_numbers_without_units_stay_as_they_are() -> None:

@@ -19,14 +19,14 @@ from trocar.procs.tables import codes
 from trocar.shm.memory.segment import segment_name, unlink
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
-from trocar.tools.monitor.app import PAGES, InspectorApp
-from trocar.tools.monitor.pages.page import DARK, LIGHT, InspectorPage
+from trocar.tools.monitor.app import InspectorApp
+from trocar.tools.monitor.pages.page import DARK, InspectorPage
 from trocar.tools.monitor.pages.table import WIDE, Head, TableRow
 from trocar.tools.monitor.pages.values import ValuesPage
 
 pytestmark = pytest.mark.slow
 
-SIZES = ((80, 24), (110, 24), (160, 50))
+SIZES = ((80, 24), (160, 50))
 PATIENCE = 200  # looks at the screen
 
 Story = Callable[[InspectorApp, Pilot[None], ScriptedRobot], Awaitable[None]]
@@ -282,20 +282,6 @@ def test_it_goes_on_with_the_next_system_of_the_name(world: World) -> None:
             await pilots.__aexit__(None, None, None)
 
     asyncio.run(run())
-
-
-def test_both_themes_have_colours_of_their_own(world: World) -> None:
-    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
-        await until(app, pilot, "supervisor runs")
-        assert app.page.palette is DARK
-        await pilot.press("d")
-        assert app.page.palette is LIGHT and str(app.query_one("#head", Static).render())
-        for k in range(len(PAGES)):
-            await pilot.press("tab")
-            assert app.page.TITLE == PAGES[(k + 1) % len(PAGES)].TITLE
-        await pilot.press("q")
-
-    play(world, story)
 
 
 def test_what_is_typed_quickly_behind_a_slash_is_searched_for(world: World) -> None:

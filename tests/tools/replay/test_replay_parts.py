@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.recordings.made import written
-from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.config import PROJECT_CONFIGS, Machine, load_system
 from trocar.procs.document.system import to_json
 from trocar.procs.recordings.reading import RecordingReader, open_recording
 from trocar.shm.memory.layout import schema_of
@@ -23,10 +23,10 @@ from trocar.tools.inspect.processes import statuses
 from trocar.tools.monitor.overview import overview
 from trocar.tools.output.errors import Problem
 from trocar.tools.replay.asking import moves_of
-from trocar.tools.replay.commands import commands_of
 from trocar.tools.replay.configuration import startable
 from trocar.tools.replay.fresh import run_again
 from trocar.tools.replay.live import motion_of, motions_of, real_robots
+from trocar.tools.replay.recorded_commands import commands_of
 from trocar.tools.replay.shown import Showing
 
 ASKED, STATE = schema_of(AUDIT), schema_of(ARM_STATE)
@@ -131,10 +131,10 @@ def test_setpoints_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
 def test_real_robots_are_told_from_emulated_and_kinematic_ones() -> None:
     for file, boards, arms, real in (("demo", "emulated", ["PSM1"], []), ("kinematic", "", ["PSM1"], [])):
         loaded = load_system(PROJECT_CONFIGS / "systems" / f"{file}.yaml", name="x", boards=boards or None,
-                             bus_address=lambda bus: "127.1.2.3")
+                             machine=Machine(lambda bus: "127.1.2.3"))
         assert loaded.system is not None and real_robots(loaded.system, arms) == real
     loaded = load_system(PROJECT_CONFIGS / "systems/demo.yaml", name="x", boards="emulated",
-                         bus_address=lambda bus: "127.1.2.3")
+                         machine=Machine(lambda bus: "127.1.2.3"))
     assert loaded.system is not None
     wired = dataclasses.replace(loaded.system, emulation=None, clock="lockstep")
     assert real_robots(wired, ["PSM1"]) == ["PSM1"]

@@ -6,7 +6,8 @@ classdef arm < trocar.instance & trocar.joints
     %   psm = trocar.arm('PSM1', b);                       % by a trocar.bridge that others use, too
     %
     % Poses are 4x4 matrices in the reference frame, those of `local` in the arm's base; joints are columns of rad and
-    % m, twists and wrenches 1x6, linear first. Commands return when the arm has accepted them.
+    % m, twists and wrenches 1x6, linear first. Commands return when the arm has accepted them. `frame`: that of the
+    % numbers of a command, e.g. 'PSM1_base', as over ROS (docs/ros.md); by default, the reference frame.
 
     properties (SetAccess = protected)
         body     % forces and Jacobian seen from the tip
@@ -55,31 +56,35 @@ classdef arm < trocar.instance & trocar.joints
             [wrench, timestamp] = self.body.measured_cf();
         end
 
-        function handle = move_cp(self, pose)
+        function handle = move_cp(self, pose, frame)
             % Move to a pose of the tip, joints in a straight line: a trocar.move_handle.
-            handle = self.bridge.move(self.name, 'move_cp', trocar.internal.numbers_of(pose));
+            if nargin < 3, frame = ''; end
+            handle = self.bridge.move(self.name, 'move_cp', trocar.internal.numbers_of(pose), frame);
         end
 
-        function handle = move_cr(self, change)
+        function handle = move_cr(self, change, frame)
             % Move the tip by a shift and a turn about itself (4x4).
-            handle = self.bridge.move(self.name, 'move_cr', trocar.internal.numbers_of(change));
+            if nargin < 3, frame = ''; end
+            handle = self.bridge.move(self.name, 'move_cr', trocar.internal.numbers_of(change), frame);
         end
 
-        function servo_cp(self, pose, twist)
-            % Follow a pose of the tip now, with its twist where given.
+        function servo_cp(self, pose, twist, frame)
+            % Follow a pose of the tip now, with its twist where given ([]: none).
             values = trocar.internal.numbers_of(pose);
-            if nargin > 2
+            if nargin > 2 && ~isempty(twist)
                 values = [values, trocar.internal.sized(twist, 6, 'a twist')];
             end
-            self.command('servo_cp', values);
+            if nargin < 4, frame = ''; end
+            self.command('servo_cp', values, frame);
         end
 
-        function servo_cr(self, change)
+        function servo_cr(self, change, frame)
             % Follow the setpoint, shifted and turned about its tip (4x4).
-            self.command('servo_cr', trocar.internal.numbers_of(change));
+            if nargin < 3, frame = ''; end
+            self.command('servo_cr', trocar.internal.numbers_of(change), frame);
         end
 
-        function servo_cs(self, pose, twist, wrench)
+        function servo_cs(self, pose, twist, wrench, frame)
             % Follow a pose with its twist and wrench; [] for what is not given. Without a pose: apply the wrench.
             values = zeros(1, 22);
             if nargin > 1 && ~isempty(pose)
@@ -94,17 +99,19 @@ classdef arm < trocar.instance & trocar.joints
                 values(14:19) = trocar.internal.sized(wrench, 6, 'a wrench');
                 values(22) = 1;
             end
-            self.command('servo_cs', values);
+            if nargin < 5, frame = ''; end
+            self.command('servo_cs', values, frame);
         end
 
-        function servo_cf(self, wrench)
+        function servo_cf(self, wrench, varargin)
             % The same as body.servo_cf.
-            self.body.servo_cf(wrench);
+            self.body.servo_cf(wrench, varargin{:});
         end
 
-        function servo_ci(self, impedance)
+        function servo_ci(self, impedance, frame)
             % Push as springs and dampers do, see trocar.impedance; for 0.1 s, unless sent again.
-            self.command('servo_ci', impedance.numbers());
+            if nargin < 3, frame = ''; end
+            self.command('servo_ci', impedance.numbers(), frame);
         end
 
         % joints
@@ -122,9 +129,7 @@ classdef arm < trocar.instance & trocar.joints
         function servo_jp(self, jp, jv)
             % Follow these positions now, with their velocities where given.
             values = jp(:).';
-            if nargin > 2
-                values = [values, jv(:).'];
-            end
+            if nargin > 2, values = [values, jv(:).']; end
             self.command('servo_jp', values);
         end
 
@@ -155,18 +160,14 @@ classdef arm < trocar.instance & trocar.joints
 
         function result = pause(self, timeout)
             % Pause and wait until it is PAUSED; moves end.
-            if nargin < 2
-                timeout = 10;
-            end
+            if nargin < 2, timeout = 10; end
             self.state_command('pause');
             result = self.wait_for_operating_state('PAUSED', timeout);
         end
 
         function result = resume(self, timeout)
             % Go on after a pause and wait until it is ENABLED.
-            if nargin < 2
-                timeout = 10;
-            end
+            if nargin < 2, timeout = 10; end
             self.state_command('resume');
             result = self.wait_for_operating_state('ENABLED', timeout);
         end
@@ -218,9 +219,7 @@ classdef arm < trocar.instance & trocar.joints
 
         function set_base_frame(self, pose, frame)
             % Pose (4x4) of the arm's base in a reference frame of this name; []: unknown, only `local` is valid.
-            if nargin < 3
-                frame = '';
-            end
+            if nargin < 3, frame = ''; end
             values = [];
             if ~isempty(pose)
                 values = trocar.internal.numbers_of(pose);
@@ -261,8 +260,8 @@ classdef arm < trocar.instance & trocar.joints
 
     methods (Access = protected)
 
-        function command(self, name, values)
-            self.bridge.command(self.name, name, values);
+        function command(self, name, values, varargin)
+            self.bridge.command(self.name, name, values, varargin{:});
         end
 
     end

@@ -29,12 +29,8 @@ classdef bridge < handle
 
         function self = bridge(at, token, timeout)
             % Connect, for `timeout` s (5) at most; trocar:lost: nobody is there, trocar:refused: it is not the token.
-            if nargin < 2
-                token = '';
-            end
-            if nargin < 3
-                timeout = 5;
-            end
+            if nargin < 2, token = ''; end
+            if nargin < 3, timeout = 5; end
             self.at = at;
             self.heard = containers.Map('KeyType', 'double', 'ValueType', 'any');
             [host, port] = trocar.internal.address(at);
@@ -65,9 +61,7 @@ classdef bridge < handle
 
         function answer = ask(self, message, timeout)
             % A message of docs/socket.md, and its answer, a struct; trocar:refused: the bridge says why there is none.
-            if nargin < 3
-                timeout = 5;
-            end
+            if nargin < 3, timeout = 5; end
             answer = self.first(self.say(message), timeout, {});
             if isempty(answer)
                 error('trocar:timeout', '%s did not answer within %g s', self.at, timeout);
@@ -118,21 +112,15 @@ classdef bridge < handle
 
         function text = command(self, to, name, values, text)
             % Command, and wait until it is accepted; trocar:refused has the reason. What was answered.
-            if nargin < 4
-                values = [];
-            end
-            if nargin < 5
-                text = '';
-            end
+            if nargin < 4, values = []; end
+            if nargin < 5, text = ''; end
             reply = self.accepted(to, name, values, text);
             text = reply.text;
         end
 
         function handle = move(self, to, name, values, text)
             % Command something that takes its time: a trocar.move_handle.
-            if nargin < 5
-                text = '';
-            end
+            if nargin < 5, text = ''; end
             reply = self.accepted(to, name, values, text);
             words = {to, text, name};
             handle = trocar.move_handle(self, to, reply, strjoin(words(~cellfun(@isempty, words)), ' '));

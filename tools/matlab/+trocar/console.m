@@ -5,9 +5,7 @@ classdef console < trocar.operated
 
         function self = console(name, varargin)
             % `console` unless another name is given.
-            if nargin < 1
-                name = 'console';
-            end
+            if nargin < 1, name = 'console'; end
             self@trocar.operated(name, 'console', varargin{:});
         end
 
@@ -55,7 +53,7 @@ classdef console < trocar.operated
         end
 
         function teleop_set_scale(self, scale)
-            % Of all its teleoperations: the slave's motion for one of the master's, above 0.
+            % Ratio of the slave's motion to the master's, above 0, for all its teleoperations.
             self.command('set_scale', scale);
         end
 

@@ -5,9 +5,7 @@ classdef ecm < trocar.arm
 
         function self = ecm(varargin)
             % ECM unless another name is given; trocar:argument when it is none.
-            if nargin == 0
-                varargin = {'ECM'};
-            end
+            if nargin == 0, varargin = {'ECM'}; end
             self@trocar.arm(varargin{:});
             self.must_be('ECM');
         end

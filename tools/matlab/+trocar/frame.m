@@ -28,10 +28,10 @@ classdef frame < handle
             timestamp = row.stamp_ns * 1e-9;
         end
 
-        function servo_cf(self, wrench)
-            % Apply this force and torque (1x6, N and N·m) for 0.1 s; zeros last.
+        function servo_cf(self, wrench, varargin)
+            % Apply this force and torque (1x6, N and N·m) for 0.1 s; zeros last. Its frame may follow.
             values = trocar.internal.sized(wrench, 6, 'a wrench');
-            self.bridge.command(self.name, [self.which '/servo_cf'], values);
+            self.bridge.command(self.name, [self.which '/servo_cf'], values, varargin{:});
         end
 
         function set_cf_orientation_absolute(self, absolute)

@@ -63,9 +63,7 @@ classdef instance < handle
 
         function result = enable(self, timeout)
             % Power on and wait until it is, `timeout` s (10) at most; trocar:refused says why it is not.
-            if nargin < 2
-                timeout = 10;
-            end
+            if nargin < 2, timeout = 10; end
             state = self.operating_state();
             if strcmp(state, 'FAULT')
                 self.bridge.settle(self.name, 'state_command', 'disable', timeout);
@@ -78,18 +76,14 @@ classdef instance < handle
 
         function result = disable(self, timeout)
             % Power off and wait until it is.
-            if nargin < 2
-                timeout = 10;
-            end
+            if nargin < 2, timeout = 10; end
             self.bridge.settle(self.name, 'state_command', 'disable', timeout);
             result = true;
         end
 
         function result = home(self, timeout)
             % Enable where needed, home, and wait until it is homed, `timeout` s (60) at most.
-            if nargin < 2
-                timeout = 60;
-            end
+            if nargin < 2, timeout = 60; end
             self.enable(timeout);
             self.bridge.settle(self.name, 'state_command', 'home', timeout);
             result = true;
@@ -97,27 +91,21 @@ classdef instance < handle
 
         function result = unhome(self, timeout)
             % Forget the homing and wait until it is forgotten.
-            if nargin < 2
-                timeout = 10;
-            end
+            if nargin < 2, timeout = 10; end
             self.state_command('unhome');
             result = self.wait_for_homed(false, timeout);
         end
 
         function result = wait_for_operating_state(self, state, timeout)
             % Until that is its state; trocar:timeout after `timeout` s (10).
-            if nargin < 3
-                timeout = 10;
-            end
+            if nargin < 3, timeout = 10; end
             self.wait_until(@() strcmp(self.operating_state(), state), timeout, ['is not ' state]);
             result = true;
         end
 
         function result = wait_for_homed(self, homed, timeout)
             % Until it is homed, or no longer is.
-            if nargin < 3
-                timeout = 60;
-            end
+            if nargin < 3, timeout = 60; end
             words = {'is still homed', 'is not homed'};
             self.wait_until(@() self.is_homed() == homed, timeout, words{1 + logical(homed)});
             result = true;
@@ -125,12 +113,8 @@ classdef instance < handle
 
         function result = wait_for_busy(self, busy, timeout)
             % Until it is busy, or (not given: false) no longer is; trocar:timeout after `timeout` s (30).
-            if nargin < 2
-                busy = false;
-            end
-            if nargin < 3
-                timeout = 30;
-            end
+            if nargin < 2, busy = false; end
+            if nargin < 3, timeout = 30; end
             words = {'is still busy', 'is not busy'};
             self.wait_until(@() self.is_busy() == busy, timeout, words{1 + logical(busy)});
             result = true;
@@ -138,9 +122,7 @@ classdef instance < handle
 
         function result = wait_while_busy(self, timeout)
             % Until it is busy no longer.
-            if nargin < 2
-                timeout = 30;
-            end
+            if nargin < 2, timeout = 30; end
             result = self.wait_for_busy(false, timeout);
         end
 

@@ -30,17 +30,13 @@ classdef jaw < trocar.joints
 
         function handle = open(self, angle)
             % Open, to 60 degrees unless told otherwise.
-            if nargin < 2
-                angle = 60 * pi / 180;
-            end
+            if nargin < 2, angle = 60 * pi / 180; end
             handle = self.move_jp(angle);
         end
 
         function handle = close(self, angle)
             % Close, to -20 degrees unless told otherwise: the instrument grips.
-            if nargin < 2
-                angle = -20 * pi / 180;
-            end
+            if nargin < 2, angle = -20 * pi / 180; end
             handle = self.move_jp(angle);
         end
 

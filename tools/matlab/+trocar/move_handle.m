@@ -48,12 +48,8 @@ classdef move_handle < handle
 
         function result = wait(self, is_busy, timeout)
             % Until it is over; trocar:timeout after `timeout` s (30). With `is_busy` true: until it has begun.
-            if nargin < 2
-                is_busy = false;
-            end
-            if nargin < 3
-                timeout = 30;
-            end
+            if nargin < 2, is_busy = false; end
+            if nargin < 3, timeout = 30; end
             result = true;
             if is_busy
                 return

@@ -32,9 +32,7 @@ classdef operated < handle
         end
 
         function command(self, name, values, text)
-            if nargin < 4
-                text = '';
-            end
+            if nargin < 4, text = ''; end
             self.bridge.command(self.name, name, values, text);
         end
 

@@ -16,9 +16,7 @@ classdef suj < trocar.instance
 
         function self = suj(varargin)
             % SUJ unless another name is given.
-            if nargin == 0
-                varargin = {'SUJ'};
-            end
+            if nargin == 0, varargin = {'SUJ'}; end
             self@trocar.instance(varargin{:});
             self.must_be('suj');
             self.found = containers.Map('KeyType', 'char', 'ValueType', 'any');

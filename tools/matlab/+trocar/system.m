@@ -1,5 +1,5 @@
 classdef system < trocar.operated
-    % All arms at once, and the sounds: trocar.system(). Of systems with a console.
+    % All arms at once, and the sounds: trocar.system().
 
     methods
 
@@ -16,27 +16,21 @@ classdef system < trocar.operated
 
         function result = power_on(self, timeout)
             % Enable every arm; trocar:refused says which are not and why.
-            if nargin < 2
-                timeout = 10;
-            end
+            if nargin < 2, timeout = 10; end
             self.bridge.settle(self.name, 'power_on', '', timeout);
             result = true;
         end
 
         function result = home(self, timeout)
             % Home every arm, enabling those that are not.
-            if nargin < 2
-                timeout = 60;
-            end
+            if nargin < 2, timeout = 60; end
             self.bridge.settle(self.name, 'home', '', timeout);
             result = true;
         end
 
         function result = power_off(self, timeout)
             % Disable every arm.
-            if nargin < 2
-                timeout = 10;
-            end
+            if nargin < 2, timeout = 10; end
             self.bridge.settle(self.name, 'power_off', '', timeout);
             result = true;
         end

@@ -39,34 +39,28 @@ classdef teleop < trocar.operated
 
         function result = enable(self, timeout)
             % Ask for it and wait until it is ENABLED: its arms are homed and aligned, and the operator is there.
-            if nargin < 2
-                timeout = 60;
-            end
+            if nargin < 2, timeout = 60; end
             self.state_command('enable');
             result = self.wait_for_state('ENABLED', timeout);
         end
 
         function result = disable(self, timeout)
             % End it and wait until it is DISABLED.
-            if nargin < 2
-                timeout = 10;
-            end
+            if nargin < 2, timeout = 10; end
             self.state_command('disable');
             result = self.wait_for_state('DISABLED', timeout);
         end
 
         function result = wait_for_state(self, state, timeout)
             % Until that is its state; trocar:timeout after `timeout` s (10).
-            if nargin < 3
-                timeout = 10;
-            end
+            if nargin < 3, timeout = 10; end
             trocar.internal.wait_until(@() strcmp(self.current_state(), state), self.bridge, self.name, timeout, ...
                                   [self.name ' is not ' state]);
             result = true;
         end
 
         function set_scale(self, scale)
-            % The slave's motion for one of the master's, above 0.
+            % Ratio of the slave's motion to the master's, above 0.
             self.command('set_scale', scale);
         end
 

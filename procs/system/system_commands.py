@@ -1,0 +1,110 @@
+"""The commands of the system; refusals have a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, Request, carry_out
+from trocar.procs.system.bring_up import POWER_OFF, POWER_ON, ArmOnRing, BringUp
+from trocar.procs.system.sound import BEEPS, SPEECH, Sound
+from trocar.procs.tables import codes
+from trocar.procs.tables.bring_up import HOME
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.system.events import Events
+
+BEEP_S, BEEP_HZ = 0.3, 3000.0
+MIN_S, MAX_S = 0.05, 60.0
+LOWEST_HZ, HIGHEST_HZ = 20.0, 10_000.0
+
+
+class SystemCommands:
+    """One method per row of the `system` command table."""
+
+    def __init__(self, arms: Sequence[ArmOnRing], consoles: Sequence[LoopClient], events: Events, sound: Sound,
+                 volume: float) -> None:
+        """`consoles` are the mailboxes of all consoles."""
+        self._arms, self._consoles, self._events, self._sound = arms, consoles, events, sound
+        self.volume, self.beeps = volume, 0
+        self.bring_up: BringUp | None = None
+        self._asked: list[Request] = []
+        """Requests that wait for the end of `bring_up`."""
+        self._now_ns = 0
+        self._table: dict[str, Handler] = {
+            **dict.fromkeys((POWER_ON, HOME, POWER_OFF), self._begin), "set_volume": self._set_volume,
+            "beep": self._beep, "string_to_speech": self._say,
+        }
+
+    def execute(self, requests: Iterable[Request], now_ns: int) -> None:
+        """Execute new requests, then continue a bring-up that is under way."""
+        self._now_ns = now_ns
+        for request in requests:
+            carry_out(request, self._table[request.name])
+        if self.bring_up is not None:
+            self.bring_up.step(now_ns)
+            if self.bring_up.is_over:
+                self._end(self.bring_up)
+
+    def beep(self, duration_s: float = BEEP_S, frequency_hz: float = BEEP_HZ, volume: float | None = None) -> None:
+        """Emit the event and sound a beep, by default at the system's volume."""
+        loud = self.volume if volume is None else volume
+        self.beeps += 1
+        self._events.emit("beep", f"{duration_s:g} s, {frequency_hz:g} Hz", value=duration_s, limit=frequency_hz)
+        self._sound.beep(duration_s, frequency_hz, loud)
+
+    def _begin(self, request: Request) -> str:
+        if self.bring_up is not None and self.bring_up.goal != request.name:
+            self._answer(f"{request.name} was requested")
+        if request.name == POWER_OFF:
+            for console in self._consoles:
+                console.send("teleop_enable", (0.0,))
+                console.poll()
+        self._events.status(f"system: {request.name}", "system")
+        request.accept()
+        self.bring_up = BringUp(request.name, self._arms, self._now_ns, request.origin)
+        self._asked.append(request)
+        return ANSWERED
+
+    def _end(self, bring_up: BringUp) -> None:
+        self.bring_up, problems = None, bring_up.problems
+        if problems:
+            self._events.report(codes.SYSTEM_INCOMPLETE, f"{bring_up.goal} is not complete: {problems}", "system")
+        else:
+            self._events.status(f"system: {bring_up.goal} done", "system")
+        self._answer(problems)
+
+    def _answer(self, problems: str) -> None:
+        for request in self._asked:
+            request.fail(problems) if problems else request.done()
+        self._asked.clear()
+
+    def _set_volume(self, request: Request) -> str:
+        asked = float(request.values[0])
+        self.volume = min(max(asked, 0.0), 1.0)
+        self._events.emit("volume", value=self.volume)
+        self._events.status(f"system: volume {100.0 * self.volume:.0f} %", "system")
+        if asked == self.volume:
+            return ""
+        self._events.report(codes.BEEP_CLIPPED, f"volume {asked:g} clipped to {self.volume:g}", "system", -1, asked,
+                            self.volume)
+        return f"clipped: volume {asked:g} → {self.volume:g}"
+
+    def _beep(self, request: Request) -> str:
+        given = (*map(float, request.values), *(BEEP_S, BEEP_HZ, self.volume)[len(request.values) :])
+        limits = ((MIN_S, MAX_S), (LOWEST_HZ, HIGHEST_HZ), (0.0, 1.0))
+        used = [min(max(value, lower), upper) for value, (lower, upper) in zip(given, limits, strict=True)]
+        clipped = []
+        for what, value, good in zip(("duration", "frequency", "volume"), given, used, strict=True):
+            if value != good:
+                clipped.append(f"{what} {value:g} → {good:g}")
+                self._events.report(codes.BEEP_CLIPPED, f"beep: {what} {value:g} clipped to {good:g}", "system", -1,
+                                    value, good)
+        self.beep(*used)
+        return "; ".join(filter(None, ("clipped: " * bool(clipped) + ", ".join(clipped), self._sound.lacks_of(BEEPS))))
+
+    def _say(self, request: Request) -> str:
+        text = request.text.strip()
+        if not text:
+            raise CommandRefused("takes a text")
+        self._events.emit("string_to_speech", text)
+        self._sound.say(text, self.volume)
+        return self._sound.lacks_of(SPEECH)
