@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import trocar
 from tests.system.conftest import systems
-from tests.system.robot import DEMO, LED, ROOT, SLOWER, Robot, wait_for
+from tests.system.robot import DEMO, LED, ROOT, SLOWER, Robot, time_passes, wait_for
 from trocar.procs.recordings.reading import open_recording
 from trocar.shm.memory.segment import names_of
 from trocar.tools.analysis.choosing import start_ns
@@ -22,7 +23,8 @@ from trocar.tools.analysis.choosing import start_ns
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
 GOAL = (0.2, -0.1, 0.15, 0.4, 0.3, -0.2)
-NEAR = (0.15, -0.05, 0.14, 0.3, 0.2, -0.1)
+BETWEEN = (0.18, -0.1, 0.15, 0.37, 0.3, -0.16)
+NEAR = (0.16, -0.09, 0.148, 0.35, 0.28, -0.14)
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +40,16 @@ def robot(folder: Path) -> Iterator[Robot]:
 
 @pytest.fixture(scope="module")
 def recorded(robot: Robot, folder: Path) -> Path:
-    """Homed, moved by a command, by a stream of 100 goals, and by a command again."""
+    """Homed, moved by a command, by a stream of 40 goals, and by a command again."""
     made = folder / "one.mcap"
 
     robot.up(KINEMATIC)
     robot.home("PSM1")
     robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")
-    robot.insist("stream", "PSM1", "configs/recordings/psm-wave.csv", "--rate", "200", "--for", "0.5")
-    robot.trocar("send", "PSM1", "move_jp", *map(str, NEAR), "--wait")  # short, so that rings keep all of it
+    with trocar.psm("PSM1", robot.name) as psm, time_passes():  # rings keep 0.7 s, and a verb takes time to begin
+        for share in np.linspace(0.0, 1.0, 40):
+            psm.servo_jp((1.0 - share) * np.array(GOAL) + share * np.array(BETWEEN))
+        psm.move_jp(NEAR).wait(60.0)
     assert robot.popen("dump", str(made)).wait(60.0) == 0  # while time stands still
     return made
 
@@ -83,7 +87,7 @@ def test_recorded_setpoints_move_the_arm_of_a_running_system(robot: Robot, recor
         last = recording.records("PSM1/state").rows["setpoint_position"][-1][:6]
     state = json.loads(robot.trocar("echo", "PSM1/state", "--once", "--json"))
     assert np.allclose(state["setpoint_position"][:6], last, atol=0.02)
-    assert max(said["recorded_rms"][:6]) < 0.02, "docs/recordings.md: about where it was when it was recorded"
+    assert max(said["recorded_rms"][:6]) < 0.05, "docs/recordings.md: about where it was when it was recorded"
 
 
 def test_recorded_commands_are_asked_for_again(robot: Robot, recorded: Path) -> None:

@@ -248,7 +248,8 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                 _tell_stop(row, job, book, () if as_json else tried.problems)
                 return 1
             note(f"{row.name} passed")
-            if row.writes and outcome.figures and row is not due[-1] and (after := _new_files(job)):
+            goes_on = row is not due[-1] or _lacks(job.document)
+            if row.writes and outcome.figures and goes_on and (after := _new_files(job)):
                 note(after)
                 return 0
     note(f"all done: {book.path}")
