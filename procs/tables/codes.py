@@ -192,7 +192,7 @@ HOMING_TIMEOUT: Final = Code(
     "homing-timeout", ERROR, "arm", "the arm did not reach its home position in time",
     "remove obstacles; check the tolerances in the PID file")
 ROLL_PLAN: Final = Code(
-    "roll-plan", ERROR, "arm", "found no path to the roll's lower stop", "turn the roll to mid-range, then trocar home NAME")
+    "roll-plan", ERROR, "arm", "found no path to the roll's stop", "turn the roll to mid-range, then trocar home NAME")
 ROLL_PASSED: Final = Code(
     "roll-passed", ERROR, "arm", "the roll went past the expected position of its lower stop",
     "check the roll's stop and its encoder")
