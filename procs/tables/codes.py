@@ -101,8 +101,8 @@ ARM_LOST: Final = Code(
     "arm-lost", ERROR, "io", "the arm's process has sent no setpoints for too long; holding",
     "if it does not resume by itself: trocar start NAME; if in doubt, power off", 16, NOTHING, "s")
 ARM_LOST_POWER_OFF: Final = Code(
-    "arm-lost-power-off", ERROR, "io", "the arm's process did not come back in io.arm_lost_power_off_s; power was switched off",
-    "trocar restart NAME, then trocar home NAME", 17, POWER_OFF, "s")
+    "arm-lost-power-off", ERROR, "io", "the arm's process did not come back; power was switched off",
+    "trocar restart NAME, then trocar home NAME; io.arm_lost_power_off_s sets this time", 17, POWER_OFF, "s")
 BIAS_FAILED: Final = Code(
     "bias-failed", ERROR, "io", "an encoder did not take the value it was set to",
     "trocar home NAME again; if it recurs, check encoder, cable and controller", 18, NOTHING, JOINT, "set to")
