@@ -190,21 +190,21 @@ HOMING_PLAN: Final = Code(
     "move the arm by hand, away from the limits of its joints, then trocar home NAME")
 HOMING_TIMEOUT: Final = Code(
     "homing-timeout", ERROR, "arm", "the arm did not reach its home position in time",
-    "remove obstacles; check the tolerances in the PID file")
+    "remove obstacles, check the tolerances in the PID file, then trocar home NAME")
 ROLL_PLAN: Final = Code(
     "roll-plan", ERROR, "arm", "found no path to the roll's stop", "turn the roll to mid-range, then trocar home NAME")
 ROLL_PASSED: Final = Code(
     "roll-passed", ERROR, "arm", "the roll went past the expected position of its lower stop",
-    "check the roll's stop and its encoder")
+    "check the roll's stop and its encoder, then trocar home NAME")
 ROLL_TIMEOUT: Final = Code(
     "roll-timeout", ERROR, "arm", "the roll did not reach its lower stop in time",
-    "turn it by hand; check the roll's motor and cable")
+    "turn it by hand, check the roll's motor and cable, then trocar home NAME")
 ROLL_ENCODER: Final = Code(
     "roll-encoder", ERROR, "arm", "the roll's encoder was not set at the lower stop",
-    "home again; if it recurs, check the encoder")
+    "trocar home NAME again; if it recurs, check the encoder")
 ROLL_CHECK: Final = Code(
     "roll-check", ERROR, "arm", "the roll's encoder does not read what it was set to",
-    "home again; if it recurs, check the encoder")
+    "trocar home NAME again; if it recurs, check the encoder")
 ENGAGING_PLAN: Final = Code(
     "engaging-plan", ERROR, "arm", "no trajectory that engages the adapter or instrument was found",
     "remove it and attach it again")
