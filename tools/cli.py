@@ -65,7 +65,7 @@ VERBS: tuple[Verb, ...] = (
         Verb("save", "verbs.pid:save", "Save the gains in use as a PID file."),
     )),
     Verb("bus", "", "Controllers on a bus: find, read, write and watch them.", moves=True, parts=(
-        Verb("scan", "verbs.bus:scan", "Find every controller; the first scan after power-up assigns node numbers."),
+        Verb("scan", "verbs.bus:scan", "Find every controller; the first scan after power-up writes node numbers."),
         Verb("read", "verbs.bus:read", "Read registers."),
         Verb("write", "verbs.bus:write", "Write a register; asks first.", moves=True),
         Verb("watch", "verbs.bus:watch", "Live view of one board."),
@@ -99,7 +99,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("bench", "verbs.bench:bench", "Measure the machine and the software."),
 )
 
-PANELS = {True: "Verbs that may change the robot", False: "Verbs that never change the robot"}
+PANELS = {True: "Verbs that may start, stop, power or move something", False: "Verbs that power and move nothing"}
 
 
 class VerbGroup(TyperGroup):

@@ -53,13 +53,13 @@ READ_MISSED: Final = Code(
     "harmless if rare; if frequent, check the cable and the controller", 2, NOTHING, "s")
 CURRENT: Final = Code(
     "current", ERROR, "io", "measured motor current above its limit for more than 100 cycles",
-    "check for a blocked joint or a wrong current calibration", 3, POWER_OFF, "A")
+    "check for a blocked joint or a wrong current calibration, then trocar home NAME", 3, POWER_OFF, "A")
 SAFETY_AMP_DISABLE: Final = Code(
     "safety-amp-disable", ERROR, "io", "the controller cut an amplifier: measured and requested current differ",
     "check the motor cable and the current calibration, then trocar home NAME", 4, POWER_OFF)
 TEMPERATURE: Final = Code(
     "temperature", ERROR, "io", "amplifier too hot",
-    "let the controller cool down, check its fans and the load", 5, POWER_OFF, "°C")
+    "let the controller cool down, check its fans and the load, then trocar home NAME", 5, POWER_OFF, "°C")
 TEMPERATURE_HIGH: Final = Code(
     "temperature-high", WARNING, "io", "amplifier getting hot",
     "lower the load or improve the cooling", 6, NOTHING, "°C")
@@ -75,42 +75,43 @@ POWER_LOST: Final = Code(
     "check the emergency stop and the safety chain, then trocar home NAME", 9, POWER_OFF)
 POWER_TIMEOUT: Final = Code(
     "power-timeout", ERROR, "io, arm, suj", "motor power did not come on in 3 s",
-    "check the emergency stop, the safety chain and the controllers' supply", 10, POWER_OFF)
+    "check emergency stop, safety chain and the controllers' supply, then trocar home NAME", 10, POWER_OFF)
 POWER_FAULT: Final = Code(
     "power-fault", ERROR, "io", "a controller reports a motor supply fault",
-    "check the controllers' supply", 11, POWER_OFF)
+    "check the controllers' supply, then trocar home NAME", 11, POWER_OFF)
 WATCHDOG: Final = Code(
     "watchdog", ERROR, "io", "a controller's watchdog has cut the amplifiers",
     "trocar home NAME; if it recurs, the computer is too slow or too busy: trocar doctor", 12, POWER_OFF)
 WATCHDOG_UNCONFIRMED: Final = Code(
     "watchdog-unconfirmed", WARNING, "io", "the watchdog period was written, but the controller does not confirm it",
     "power stays off until it does; check the controller's cable and supply", 33, NOTHING)
-FIRMWARE_UNKNOWN: Final = Code("firmware-unknown", WARNING, "io", "unknown firmware; its data look like Rev 9's",
-                               "load Rev 9; without io.unknown_firmware it is only read (docs/boards.md)", 34, NOTHING)
+FIRMWARE_UNKNOWN: Final = Code(
+    "firmware-unknown", WARNING, "io", "unknown firmware; its data look like Rev 9's",
+    "load Rev 9; until io.unknown_firmware is set, power is refused (docs/boards.md)", 34, NOTHING)
 AMPLIFIER: Final = Code(
     "amplifier", ERROR, "io, arm, suj", "an amplifier is off although it should be on",
-    "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)
+    "check the motor cable (short circuit?) and the amplifier's temperature, then trocar home NAME", 13, POWER_OFF)
 TRACKING: Final = Code(
     "tracking", ERROR, "io", "the joint controller cannot follow its setpoint",
-    "check for a collision, too fast a command, or an encoder jump; the tolerance is in the PID file", 14, STOP, JOINT)
+    "check for a collision, too fast a command, or an encoder jump, then trocar home NAME", 14, STOP, JOINT)
 NOT_FINITE: Final = Code(
     "not-finite", ERROR, "io", "a setpoint or a requested current was not a finite number",
-    "a program sent NaN or infinity; it did not reach the motors", 15, STOP)
+    "correct the program that sent it, then trocar home NAME; the value did not reach the motors", 15, STOP)
 ARM_LOST: Final = Code(
     "arm-lost", ERROR, "io", "the arm's process has sent no setpoints for too long; holding",
     "if it does not resume by itself: trocar start NAME; if in doubt, power off", 16, NOTHING, "s")
 ARM_LOST_POWER_OFF: Final = Code(
     "arm-lost-power-off", ERROR, "io", "the arm's process did not come back; power was switched off",
-    "trocar restart NAME, then trocar home NAME", 17, POWER_OFF, "s")
+    "trocar restart NAME, then trocar home NAME; io.arm_lost_power_off_s sets this time", 17, POWER_OFF, "s")
 BIAS_FAILED: Final = Code(
     "bias-failed", ERROR, "io", "an encoder did not take the value it was set to",
-    "try again; if it recurs, check the potentiometers' values", 18, NOTHING, JOINT, "set to")
+    "trocar home NAME again; if it recurs, check encoder, cable and controller", 18, NOTHING, JOINT, "set to")
 SHARED_BOARD: Final = Code(
     "shared-board", ERROR, "io", "another arm on the same controller had a fault; power was switched off",
     "remove the cause of the other arm's fault, then trocar home NAME", 19, POWER_OFF)
 POT_MISSING: Final = Code(
     "pot-missing", ERROR, "io", "a potentiometer reading is not in its lookup table; the safety relays were opened",
-    "check the arm's cable and that the table belongs to this arm; move the joint by hand and try again", 20, CUT)
+    "check the arm's cable and the table's serial number; move the joint by hand, then trocar home NAME", 20, CUT)
 CURRENT_ERROR: Final = Code(
     "current-error", ERROR, "io", "measured and requested motor current differ for longer than tolerated",
     "check motor, motor cable and current calibration; see io.current_error_a, io.current_error_s", 21, POWER_OFF, "A")
@@ -183,27 +184,27 @@ IO_SWITCH: Final = Code(
     "fix the cause given in the event or in the log of io, then trocar home NAME")
 BIAS_TIMEOUT: Final = Code(
     "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
-    "check the potentiometers' values")
+    "compare trocar echo IO/NAME/pot/measured_js with the arm's pose, then trocar home NAME")
 HOMING_PLAN: Final = Code(
     "homing-plan", ERROR, "arm", "no trajectory to the home position was found",
-    "move the arm by hand, away from the limits of its joints")
+    "move the arm by hand, away from the limits of its joints, then trocar home NAME")
 HOMING_TIMEOUT: Final = Code(
     "homing-timeout", ERROR, "arm", "the arm did not reach its home position in time",
-    "remove obstacles; check the tolerances in the PID file")
+    "remove obstacles, check the tolerances in the PID file, then trocar home NAME")
 ROLL_PLAN: Final = Code(
-    "roll-plan", ERROR, "arm", "no trajectory to the lower stop of the roll was found", "turn the roll by hand")
+    "roll-plan", ERROR, "arm", "found no path to the roll's stop", "turn the roll to mid-range, then trocar home NAME")
 ROLL_PASSED: Final = Code(
     "roll-passed", ERROR, "arm", "the roll went past the expected position of its lower stop",
-    "check the roll's stop and its encoder")
+    "check the roll's stop and its encoder, then trocar home NAME")
 ROLL_TIMEOUT: Final = Code(
     "roll-timeout", ERROR, "arm", "the roll did not reach its lower stop in time",
-    "turn it by hand; check the roll's motor and cable")
+    "turn it by hand, check the roll's motor and cable, then trocar home NAME")
 ROLL_ENCODER: Final = Code(
     "roll-encoder", ERROR, "arm", "the roll's encoder was not set at the lower stop",
-    "home again; if it recurs, check the encoder")
+    "trocar home NAME again; if it recurs, check the encoder")
 ROLL_CHECK: Final = Code(
     "roll-check", ERROR, "arm", "the roll's encoder does not read what it was set to",
-    "home again; if it recurs, check the encoder")
+    "trocar home NAME again; if it recurs, check the encoder")
 ENGAGING_PLAN: Final = Code(
     "engaging-plan", ERROR, "arm", "no trajectory that engages the adapter or instrument was found",
     "remove it and attach it again")
@@ -214,10 +215,10 @@ IO_REFUSED: Final = Code(
     "trocar logs --commands lists all requests to io with sender, outcome and reason")
 COMMAND_REFUSED: Final = Code(
     "command-refused", WARNING, "arm, suj, teleop", "a command was refused and had no effect",
-    "trocar send NAME lists its commands")
+    "do what the message says; trocar send NAME lists the commands of NAME")
 OWN_STATE: Final = Code(
-    "own-state", WARNING, "arm", "a derived arm's code requested something impossible; its state ended, the arm holds",
-    "change its code as the message says (docs/derived-arms.md)")
+    "own-state", WARNING, "arm", "a derived arm's state requested something impossible: it has ended, the arm holds",
+    "change the state's code as the message says (docs/derived-arms.md)")
 NOT_READY: Final = Code(
     "not-ready", WARNING, "arm", "a motion command or a clutch press was ignored, as the arm is not homed",
     "trocar home NAME")
@@ -231,7 +232,7 @@ NEAR_RCM: Final = Code(
     "near-rcm", WARNING, "arm", "a goal is too close to the remote centre, where there is no solution",
     "give a goal farther from the remote centre")
 INVERSE_KINEMATICS: Final = Code(
-    "inverse-kinematics", ERROR, "arm", "the goal of a move, or a first pose, is out of reach; refused",
+    "inverse-kinematics", ERROR, "arm", "the goal of a move, or the first pose of a stream, is out of reach; refused",
     "give a pose within reach")
 AT_LIMIT: Final = Code(
     "at-limit", WARNING, "arm", "a pose of a stream is out of reach; the arm follows along its limit",
@@ -246,10 +247,10 @@ STREAM_JUMP: Final = Code(
     "begin the stream at the arm's present setpoint, or use move_jp or move_cp")
 STREAM_REFUSED: Final = Code(
     "stream-refused", WARNING, "arm", "goals were refused: the stream was stopped, or another program is streaming",
-    "pause for 0.5 s, or first stop the other program's stream (hold); the message says which")
+    "if yours was stopped, pause for 0.5 s; else first stop the other program's stream (hold)")
 SPEED_LIMITED: Final = Code(
     "speed-limited", WARNING, "arm", "a stream exceeds the maximum speed of a joint; the arm lags behind it",
-    "stream goals that are closer together")
+    "stream more slowly: make each goal differ less from the one before")
 CLIENT_TIMEOUT: Final = Code(
     "client-timeout", WARNING, "arm", "the program that streamed goals went silent; the arm holds",
     "find out why it stopped or was too slow, then stream again")
@@ -267,12 +268,11 @@ TOOL_UNKNOWN: Final = Code(
     "specify it: trocar send NAME set_tool_type TYPE")
 TOOL_NOT_NAMED: Final = Code(
     "tool-not-named", WARNING, "arm", "an instrument is attached, but neither its file nor its chip identifies it",
-    "trocar send NAME set_tool_type, without a type, lists the known types")
+    "trocar send NAME set_tool_type TYPE; without TYPE, this lists the known types")
 ENDOSCOPE_TYPE: Final = Code(
-    "endoscope-type", ERROR, "arm", "an endoscope name is unknown", "use one of the allowed names")
+    "endoscope-type", ERROR, "arm", "an endoscope name is unknown", "use one of the names in the message")
 CPU_OVERLOAD: Final = Code(
-    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs in every second period only",
-    BUSY)
+    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs in every second period only", BUSY)
 
 # setup joints
 CLUTCH_RELEASED: Final = Code(
@@ -335,7 +335,7 @@ BASE_FRAME: Final = Code(
     "pinch or twist the master's gripper to follow again")
 POSE_UNKNOWN: Final = Code(
     "pose-unknown", ERROR, "teleop", "the pose of an arm or of a base frame is not known",
-    "wait for the setup joints, or give the arm a base frame (set_base_frame)")
+    "wait until the setup joints are read and at rest, or give the arm a base frame (set_base_frame)")
 MASTER_OUTSIDE: Final = Code(
     "master-outside", ERROR, "teleop", "a master is too far out to move the camera with",
     "bring the masters back in front of you and press the pedal again")
@@ -354,7 +354,7 @@ OPERATOR_ABSENT: Final = Code(
     "return to the console: press the operator's pedal, or put your head to the sensor")
 TELEOP_WAITING: Final = Code(
     "teleop-waiting", WARNING, "teleop", "the teleoperation is waiting for something before it follows",
-    "provide what it waits for; usually, move the gripper")
+    "do what the message says; usually, pinch or twist the master's gripper")
 
 # console, system, third-party programs
 TELEOP_DISABLED: Final = Code(

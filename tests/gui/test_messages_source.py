@@ -35,14 +35,14 @@ def test_the_remedy_of_an_arm_is_that_of_its_own_last_error_however_long_ago(wor
                 found: dict[str, str] = source.read(now)["remedies"]
                 return found
 
-            assert remedies() == {"PSM1": codes.TRACKING.remedy}
+            assert remedies() == {"PSM1": codes.TRACKING.remedy_for("PSM1")}
             report(io, codes.WATCHDOG, "MTMR_PSM1")
             report(io, codes.WATCHDOG, "board 3")
-            assert remedies() == {"PSM1": codes.TRACKING.remedy}
+            assert remedies() == {"PSM1": codes.TRACKING.remedy_for("PSM1")}
             report(io, codes.CURRENT, "PSM1")
             for _ in range(3 * KEPT):
                 scripted.events.status("nothing of note")
                 remedies()
-            assert remedies() == {"PSM1": codes.CURRENT.remedy}
+            assert remedies() == {"PSM1": codes.CURRENT.remedy_for("PSM1")}
             report(scripted.events, codes.HOMING_TIMEOUT, "PSM1")
-            assert remedies() == {"PSM1": codes.HOMING_TIMEOUT.remedy}
+            assert remedies() == {"PSM1": codes.HOMING_TIMEOUT.remedy_for("PSM1")}

@@ -42,7 +42,7 @@ def test_echo_of_events_prints_the_history_with_local_time(kinematic: ScriptedRo
         "AT  status  PSM1: HOMED",
         "AT  operating_state  ENABLED (HOMED), homed",
         "AT  error tracking  PSM1 axis 2 (insertion), board 6: cannot follow; "
-        "check for a collision, too fast a command, or an encoder jump; the tolerance is in the PID file",
+        "check for a collision, too fast a command, or an encoder jump, then trocar home PSM1",
     ]
 
 
@@ -77,7 +77,7 @@ def test_events_carry_all_their_data_for_programs(kinematic: ScriptedRobot) -> N
     kinematic.events.report(codes.TRACKING, "cannot follow", "PSM1", 2, 0.06, 0.05, 6)
     (row,) = (json.loads(line) for line in run(kinematic, "echo", "PSM1/error", "--once", "--json").stdout.splitlines())
     assert (row["code"], row["component"], row["axis"], row["board"], row["value"], row["limit"], row["hint"]) == (
-        "tracking", "PSM1", 2, 6, 0.06, 0.05, codes.TRACKING.remedy)
+        "tracking", "PSM1", 2, 6, 0.06, 0.05, codes.TRACKING.remedy_for("PSM1"))
     assert row["local_ns"] > 10**18 and row["monotonic_ns"] > 0
 
 

@@ -16,6 +16,7 @@ from trocar.shm.memory.layout import shorten
 from trocar.tools import cli
 
 APP = cli.build()
+REMEDY = codes.TRACKING.remedy_for("PSM1")
 
 
 @pytest.fixture
@@ -32,7 +33,7 @@ def test_an_answer_that_had_too_little_room_comes_with_its_remedy(played: Script
     def arm() -> None:
         while not stop.wait(0.001):
             for command in played.mailbox.drain():
-                command.fail(f"{text}; {codes.TRACKING.remedy}")
+                command.fail(f"{text}; {REMEDY}")
 
     thread = threading.Thread(target=arm)
     thread.start()
@@ -41,16 +42,16 @@ def test_an_answer_that_had_too_little_room_comes_with_its_remedy(played: Script
     finally:
         stop.set()
         thread.join()
-    assert done.exit_code == 1 and done.stderr.endswith(f"0.05 m); {codes.TRACKING.remedy}\n"), done.stderr
+    assert done.exit_code == 1 and done.stderr.endswith(f"0.05 m); {REMEDY}\n"), done.stderr
 
 
 def test_status_shows_the_whole_of_a_reason_that_had_too_little_room(played: ScriptedRobot) -> None:
     text = f"PSM1: {'far ' * 40}off"
     played.events.report(codes.TRACKING, text, "PSM1", 2)
-    played.arm.field("reason")[...] = shorten(f"{text}; {codes.TRACKING.remedy}", 200)
+    played.arm.field("reason")[...] = shorten(f"{text}; {REMEDY}", 200)
     played.show_arm(state="FAULT")
     shown = CliRunner().invoke(APP, ["status", "--json", "--system", played.name]).stdout
-    assert json.loads(shown)["standings"][0]["reason"] == f"{text}; {codes.TRACKING.remedy}"
+    assert json.loads(shown)["standings"][0]["reason"] == f"{text}; {REMEDY}"
 
 
 def test_values_that_are_not_valid_are_shown_with_what_they_need(played: ScriptedRobot) -> None:

@@ -55,7 +55,7 @@ def test_a_fault_is_told_with_axis_board_and_hint_and_is_exit_code_1(kinematic: 
     kinematic.show_arm(state="FAULT")
     shown = status(kinematic)
     assert shown.exit_code == 1
-    assert shown.stdout.splitlines()[-1] == f"first: {OFF}; {codes.AMPLIFIER.remedy}. Then: trocar home PSM1"
+    assert shown.stdout.splitlines()[-1] == f"first: {OFF}; {codes.AMPLIFIER.remedy_for('PSM1')}"
     (row,) = json.loads(status(kinematic, "--json").stdout)["standings"]
     assert (row["state"], row["homed"], row["reason"]) == ("FAULT", False, OFF)
     assert (row["fault"]["code"], row["fault"]["axis"], row["fault"]["board"]) == ("amplifier", 2, 6)

@@ -22,8 +22,10 @@ def run(bench: RunningBench) -> Outcome:
     """One arm after the other."""
     outcome = Outcome()
     for subject in (each for each in bench.subjects if each.arm):
-        bench.person.confirm(f"{subject.whole()} is powered and moves all joints to the home position by itself. "
-                             "Workspace clear, no instrument, hand on the emergency stop.", subject.name)
+        motion = ("drives its roll to the lower stop, then moves all joints to zero" if subject.kind == MASTER else
+                  "stays where it is, or moves all joints to zero if its arm file has homing_zero_position")
+        bench.person.confirm(f"{subject.whole()} is powered and {motion}. Hands off the arm, workspace clear, no "
+                             "instrument, hand on the emergency stop.", subject.name)
         try:
             begin_ns = bench.time.now_ns()
             found = homed(bench, subject)

@@ -93,7 +93,7 @@ def commission(
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section.")] = None,
     as_json: JsonOption = False,
-    system: Annotated[str, typer.Option("--system", metavar="NAME", help="Its name while it runs."),
+    system: Annotated[str, typer.Option("--system", metavar="NAME", help="Name of the system during commissioning."),
     ] = default_system(NAME),
 ) -> int:
     """The first day on a robot, from finding the boards to slow motion; each stage stops at the first problem and says

@@ -102,5 +102,6 @@ def standing_details(one: Standing) -> list[str]:
         lines.append(f"{fault['code']} at {time_of_day(int(fault['local_ns']))}: {known}")
         lines.append(f"reported: {fault['text']}")
         if fault["hint"]:
-            lines.append(f"remedy: {fault['hint']}; then: trocar home {one.name}")
+            home = f"trocar home {one.name}"
+            lines.append(f"remedy: {fault['hint']}" + ("" if home in fault["hint"] else f"; then: {home}"))
     return lines

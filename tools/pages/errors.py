@@ -23,10 +23,11 @@ and `trocar status` add the remedy of this page; there the name of the arm or pr
 OF_IO = """
 ## What I/O does
 
-Faults of I/O have a number, which is in `fault` of I/O's record while the fault is latched. Their events have the
-robot, the axis (counted from 0; brakes are numbered after the actuators), the measured value and the limit. All
-faults of one cycle are reported, each once until the latch is cleared; the first that switches something off is
-latched. Powering on clears the latch; until then the joint controller cannot be switched on.
+Each fault in this table has a number; missing numbers are not in use. Its event has the robot, the axis (counted from
+0; brakes are numbered after the actuators), the measured value and the limit. If several faults occur in one cycle, all
+are reported. The first one that switches something off is latched: its number is in the field `fault` of `IO1/state`.
+Until power is switched on again, which clears the latch, faults that switch something off are reported only once, and
+the joint controller cannot be switched on.
 
 | number | code | I/O does |
 |---|---|---|

@@ -65,9 +65,10 @@ def demo(
     fault, run trocar home, then trocar send console teleop_enable 1; until then the emulated hand does not touch the
     master.
 
-    Seconds are in the system's time: a busy machine takes longer. After 20 times the seconds of --for plus a
-    minute, in real time, the demo ends in any case, with exit code 1. The same exit code means an error, a process that
-    died, or a PSM that does not follow; lateness in real time is printed, but does not count.
+    --for counts seconds of the system's time, by default simulated time, so the demo takes longer on a busy machine.
+    After a real time of 20 times --for plus one minute it gives up (with --for 0: never). Exit code 1: it gave up, an
+    error occurred, a process crashed, or the PSM did not follow. With --clock wall, latencies that are too long are
+    printed, but do not change the exit code.
 
     Example: trocar demo --for 10
     """

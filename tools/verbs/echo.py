@@ -49,8 +49,8 @@ def echo(
 
     A topic is a whole record (PSM1/state), a CRTK name such as PSM1/measured_js, a field of either, or events.
     Events are printed oldest first, each as one line with the time of day. Fields that are computed on demand are
-    requested while this runs; unavailable values are printed empty, as null in JSON. Exit code 1: nothing came in
-    time.
+    requested while this runs. An unavailable value is printed as an empty field, in JSON as null. Exit code 1: nothing
+    came in time.
 
     Example: trocar echo PSM1/measured_js --once --json
 

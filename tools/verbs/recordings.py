@@ -28,11 +28,12 @@ def recordings(
 ) -> int:
     """List recordings: those of the last minutes (box), of faults with their reasons, and those that you made.
 
-    A fault is listed with the code and the text of the error that led to it; if there are too many, files of repeated
-    faults are removed before those of original ones. Times are local, those in file names UTC. "real s" is the real
-    time from the first message to the last (`record --for` counts seconds of the system); for a fault or dump this
-    includes events and commands from before its samples. For a system that is down, name it with --system. `logs`,
-    `scope`, `compare`, `export` and `replay` read recordings.
+    A fault is listed with the code and the text of the error that caused it. The recorder keeps 10 files of faults
+    (`recorder.faults`); it deletes those first whose fault followed from an earlier one. Times are local, those in file
+    names UTC. The column "real s" is the real time between the first and the last message (`record --for` counts
+    seconds of the system's time). In a fault or dump file the first message can be an event or command that is older
+    than the first sample. For a system that is down, name it with --system. `logs`, `scope`, `compare`, `export` and
+    `replay` read recordings.
 
     Example: trocar recordings fault
     """

@@ -51,15 +51,16 @@ def scope(
 ) -> int:
     """Show fields at full rate around a moment, like an oscilloscope.
 
-    A condition is one of: FIELD OP VALUE (OP: > >= < <= == !=, VALUE: a number or a word such as FAULT), abs(FIELD) OP
-    VALUE, event [NAME] [WHAT], fault [NAME]. WHAT is a severity, a code, or a part of the event's text in quotes.
-    Combine conditions with `and`, `or`, `not` and brackets. If FIELD has several elements, the condition is met when
-    any one of them meets it. Without --when, the last half second is shown at once.
+    A condition has one of four forms: `FIELD OP VALUE`; `abs(FIELD) OP VALUE`; `event NAME WHAT`; `fault NAME`. OP is
+    > >= < <= == or !=. VALUE is a number, or a word such as FAULT. NAME and WHAT may be left out. WHAT is a severity, a
+    code, or a part of the event's text in quotes. Combine conditions with `and`, `or`, `not` and brackets. If FIELD has
+    several elements, the condition is met when any one of them meets it. Without --when, the last half second is shown
+    at once.
 
     Shared memory holds the last 1.9 s, 0.7 s in a system without boards; a longer --before is possible only for data
-    written after this command has started. This command also reads recordings, and the memory of a system that has
-    crashed (there, --past is implied). Fields that are computed only on request are requested while this runs; they
-    have no values from before. Exit code 1: the condition was not met.
+    written after this command has started. This command also reads recordings, and the memory of a crashed system; both
+    imply --past. Fields that are computed only on request are requested while this runs; they have no values from
+    before. Exit code 1: the condition was not met.
 
     Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 1
 

@@ -30,8 +30,8 @@ def send(
 ) -> int:
     """Send a command and print the reply. Numbers are in rad, m, s and N; some commands also take text.
 
-    Without a command: list the commands of the component. An effort or a wrench that is sent once ends after 0.1 s
-    (arm.effort_timeout_s); an effort of zero stays in effect.
+    Without a command: list the commands of the component. An effort or wrench that is sent only once ends after 0.1 s
+    (arm.effort_timeout_s). An effort of zero frees the arm until its next command: only its weight is compensated.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """

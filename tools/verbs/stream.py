@@ -38,7 +38,7 @@ def stream(
 ) -> int:
     """Move to the file's first row, then follow its rows at a steady rate; prints the tracking error of each joint.
 
-    If it is delayed for more than 0.1 s, it ends, and the arm holds.
+    If this program is delayed for more than 0.1 s, the stream ends and the arm holds.
 
     Example: trocar stream PSM1 recorded.csv --rate 200 --for 10
     """

@@ -86,7 +86,7 @@ def test_a_long_sentence_ends_with_a_whole_word_and_the_log_has_the_rest(ends: t
     events.status("HOMED", "PSM1")
     record = reader.last(2)[0]
     assert record["text"].decode().endswith(("blocked…", "joint…")) and len(record["text"]) <= 400
-    assert sorted(logged) == [(STATUS, "PSM1: HOMED"), (ERROR, f"{text}; {codes.TRACKING.remedy}")]
+    assert sorted(logged) == [(STATUS, "PSM1: HOMED"), (ERROR, f"{text}; {codes.TRACKING.remedy_for('PSM1')}")]
 
 
 def test_a_sentence_names_once_whom_it_is_about(ends: tuple[Events, RingReader]) -> None:

@@ -182,7 +182,8 @@ def test_events_are_chosen_by_severity_and_process(played: ScriptedRobot) -> Non
         played.events.operating_state("ENABLED", "HOMED", True, False)
         played.events.report(codes.TRACKING, "PSM1 axis 2: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
         rows = data.rows()
-        assert [row.severity for row in rows] == ["status", "", "error"] and rows[2].hint == codes.TRACKING.remedy
+        assert [row.severity for row in rows] == ["status", "", "error"]
+        assert rows[2].hint == codes.TRACKING.remedy_for("PSM1")
         assert events.chosen(rows, "warning") == [rows[2]] and events.chosen(rows, "status") == [rows[0], rows[2]]
         assert events.chosen(rows, "", "IO1") == [] and events.chosen(rows, "", "PSM1") == rows
         assert rows[2].data["limit"] == 0.05 and data.names[0] == "IO1" and data.lost == 0
@@ -234,7 +235,7 @@ def test_a_fault_has_reason_and_remedy(played: ScriptedRobot) -> None:
     assert one.is_fault and processes.standing_cells(one)[3] == "tracking"
     told = "\n".join(processes.standing_details(one))
     assert "why: cannot follow" in told and "axis 2, board 6, measured 0.06, allowed 0.05" in told
-    assert f"remedy: {codes.TRACKING.remedy}; then: trocar home PSM1" in told
+    assert f"remedy: {codes.TRACKING.remedy_for('PSM1')}" in told and told.count("trocar home PSM1") == 1
 
 
 def asked(key: tuple[str, int, int], outcome: str, stamp: int, stream: bool = False) -> AskedRow:
