@@ -3,7 +3,7 @@
     setpoint_timeout_s: Annotated[float, Key(0.001, 1.0, "s of an old setpoint, then hold")] = 0.03
 
 The sections of `trocar.procs.config.models` include such fields with `keys_of`. A section with the same keys as a class
-of the document is made from that class: `Keys[UserTopic]` (`trocar.procs.config.read.validate`).
+of the document is made from that class: `Keys[UserTopic]` (`trocar.procs.config.read.sections`).
 """
 
 from __future__ import annotations

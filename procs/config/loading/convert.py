@@ -13,7 +13,7 @@ import numpy as np
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.models.io_file import ActuatorKeys, RobotKeys
 from trocar.procs.config.models.kinematic_file import DhKeys, LinkKeys
-from trocar.procs.config.read.validate import Section
+from trocar.procs.config.read.sections import Section
 from trocar.procs.document import system as document
 from trocar.procs.document.cart import SETUP_BRAKE
 from trocar.procs.document.decoding import hints_of

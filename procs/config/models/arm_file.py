@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from trocar.procs.config.models.kinematic_file import DhKeys
-from trocar.procs.config.read.validate import MatrixRows, Name, Rows, Section, VersionAsText
+from trocar.procs.config.read.sections import MatrixRows, Name, Rows, Section, VersionAsText
 from trocar.procs.kinematics.endoscopes import NAMES
 
 Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]

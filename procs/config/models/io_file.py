@@ -6,7 +6,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field
 
-from trocar.procs.config.read.validate import MatrixRows, Name, Rows, SafetyKeys, SafetySection, Section, VersionAsText
+from trocar.procs.config.read.sections import MatrixRows, Name, Rows, SafetyKeys, SafetySection, Section, VersionAsText
 from trocar.procs.document.gains import PidAxis
 from trocar.procs.document.keys import BOARD_ID
 from trocar.procs.document.system import DigitalInput, DigitalOutput, InstrumentReader, Linear, Potentiometer, Tolerance

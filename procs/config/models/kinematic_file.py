@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from trocar.procs.config.read.validate import Keys, MatrixRows, Rows, Section, keys_of
+from trocar.procs.config.read.sections import Keys, MatrixRows, Rows, Section, keys_of
 from trocar.procs.document.arms import JawConfig, MasterGravityParameters
 
 

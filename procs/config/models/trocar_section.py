@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from trocar.procs.config.read.validate import Keys, Rows, Section, keys_of
+from trocar.procs.config.read.sections import Keys, Rows, Section, keys_of
 from trocar.procs.document.emulated import MADE_FOR, ModelVariation, Quirks
 from trocar.procs.document.keys import NAME
 from trocar.procs.document.process import host_and_port
