@@ -23,17 +23,17 @@ GRAVITY_PARAMETERS: Final = MASS_TERMS + MODELLED_JOINTS * CABLE_ORDERS
 class DhLink:
     """One Denavit-Hartenberg row with limits and, if the file has them, inertial values."""
 
-    name: str
-    joint_type: str  # revolute or prismatic
-    alpha: float
-    a: float
-    theta: float
-    d: float
-    offset: float
-    lower: float
-    upper: float
-    effort_max: float
-    mass: float = 0.0
+    name: Annotated[str, Key(default="")]
+    joint_type: Annotated[str, Key(name="type", choices=("revolute", "prismatic"))]
+    alpha: Annotated[float, Key()]
+    a: Annotated[float, Key(name="A")]
+    theta: Annotated[float, Key()]
+    d: Annotated[float, Key(name="D")]
+    offset: Annotated[float, Key(default=0.0)]
+    lower: Annotated[float, Key(name="qmin", default=0.0)]
+    upper: Annotated[float, Key(name="qmax", default=0.0)]
+    effort_max: Annotated[float, Key(0.0, name="ftmax", default=0.0)]
+    mass: Annotated[float, Key(0.0)] = 0.0
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     passive: bool = False

@@ -18,7 +18,8 @@ from typing import Any, Final, get_type_hints
 class Key:
     """Bounds of a number (or of each in a list), or `pattern` of a text, with a description.
 
-    `name`: the key in files, if not the field's name. `is_optional`: if absent, it follows from other keys.
+    `name`: the key in files, if not the field's name; it is `inside` these objects of the section. `default`: in files,
+    if the field has none. `is_optional`: if absent, it follows from other keys.
     `min_length`: of a list or text; the key is then required. `length`: of a list, exactly. `choices`: of a text whose
     field can also have others.
     """
@@ -34,11 +35,14 @@ class Key:
     min_length: int | None = None
     length: int | None = None
     choices: tuple[str, ...] = ()
+    inside: tuple[str, ...] = ()
+    default: Any = ...
 
 
 NAME: Final = Key(pattern=r"^[A-Za-z0-9_-]{1,40}$", text="letters, digits, _ and -, at most 40")
 BOARD_ID: Final = Key(0, 15, "the controller's rotary switch")
 BIT_ID: Final = Key(0, 31)
+AXIS_ID: Final = Key(-1, 9, default=-1)
 MADE: Final = Key(text="made when the file is loaded")
 """Of a field that is no key of the section."""
 

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import re
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model
@@ -45,7 +45,9 @@ class Section(BaseModel):
     needs_known_keys: ClassVar[bool] = False
     """Whether an unknown key is an error: a robot that ignores it may be less safe than its file says."""
     further_keys_of: ClassVar[type | None] = None
-    """The class of the document to whose keys this section adds others, which the document does not have."""
+    """The class of the document to whose keys this section adds others, which the document does not have; those inside
+    an object are in a section that is the type of its key.
+    """
 
 
 class SafetySection(Section):
@@ -56,11 +58,12 @@ class SafetySection(Section):
     """Keys of other versions that are not supported, and what to do instead."""
 
 
-def keys_of(kind: type) -> Callable[[type[SectionType]], type[SectionType]]:
-    """Add the keys declared in the document's `kind` to a section, after its own."""
+def keys_of(kind: type, *names: str) -> Callable[[type[SectionType]], type[SectionType]]:
+    """Add the keys declared in the document's `kind` to a section, after its own; if `names` are given, only these."""
 
     def add(model: type[SectionType]) -> type[SectionType]:
-        fields: dict[str, Any] = {row[0].name: _field_of(*row) for row in keys_in(kind)}
+        fields: dict[str, Any] = {row[0].name: _field_of(*row) for row in keys_in(kind)
+                                  if not names or row[0].name in names}
         return create_model(model.__name__, __base__=model, __doc__=model.__doc__, __module__=model.__module__,
                             **fields)
 
@@ -70,10 +73,32 @@ def keys_of(kind: type) -> Callable[[type[SectionType]], type[SectionType]]:
 @functools.cache
 def section_of(kind: type, base: type[Section]) -> type[Section]:
     """The section whose keys are the fields of the document's `kind`, with its docstring; schemas show its name."""
-    fields: dict[str, Any] = {row[0].name: _field_of(*row, base) for row in keys_in(kind, whole=True)}
-    base = next((more for more in base.__subclasses__() if more.further_keys_of is kind), base)
-    name = kind.__name__.removeprefix("User").removesuffix("Config")
-    return create_model(f"{name}Keys", __base__=base, __doc__=kind.__doc__, __module__=kind.__module__, **fields)
+    fields: dict[str, Any] = {}
+    for field, hint, key in keys_in(kind, whole=True):
+        place = fields
+        for part in key.inside:
+            place = place.setdefault(part, {})
+        place[field.name] = _field_of(field, hint, key, base)
+    further = next((more for more in base.__subclasses__() if more.further_keys_of is kind), base)
+    return _with_objects(kind, kind.__name__.removeprefix("User").removesuffix("Config"), fields, base, further)
+
+
+def _with_objects(kind: type, name: str, fields: dict[str, Any], base: type[Section],
+                  further: type[Section]) -> type[Section]:
+    """The section with these fields, in which a dict is an object, optional if all its keys are."""
+    for key, inner in fields.items():
+        if isinstance(inner, dict):
+            own: Any = further.model_fields[key].annotation if key in further.model_fields else base
+            made = _with_objects(kind, name + key.title().replace("_", ""), inner, base, own)
+            is_required = any(field.is_required() for field in made.model_fields.values())
+            fields[key] = made, ... if is_required else made()
+    return create_model(f"{name}Keys", __base__=further, __doc__=kind.__doc__, __module__=kind.__module__, **fields)
+
+
+def _values(keys: Section) -> Iterator[tuple[str, Any]]:
+    """All values of a section, those inside its objects, too."""
+    for name, value in keys:
+        yield from _values(value) if isinstance(value, Section) else ((name, value),)
 
 
 class _MadeOf:
@@ -85,7 +110,7 @@ class _MadeOf:
     def __getitem__(self, kind: type) -> Any:
         own = {field.name for field in dataclasses.fields(kind)}  # not the further keys of a base
         return Annotated[section_of(kind, self._base), AfterValidator(
-            lambda keys: kind(**{name: value for name, value in keys if name in own}))]
+            lambda keys: kind(**{name: value for name, value in _values(keys) if name in own}))]
 
 
 if TYPE_CHECKING:
@@ -99,8 +124,9 @@ def _field_of(field: dataclasses.Field[Any], hint: Any, key: Key, base: type[Sec
     """A declared key for pydantic: its type and its field."""
     hint = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
     hint = Literal[key.choices] if key.choices else hint
-    is_required = field.default is dataclasses.MISSING or key.min_length
-    default = ... if is_required else None if key.is_optional else field.default
+    given = key.default if field.default is dataclasses.MISSING else field.default
+    is_required = given is ... or key.min_length
+    default = ... if is_required else None if key.is_optional else given
     limits: dict[str, Any] = {
         "gt" if key.above else "ge": key.low, "le": key.high, "pattern": key.pattern or None,
         "min_length": key.min_length, "max_length": key.max_length, "description": key.text or None}
