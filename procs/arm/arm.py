@@ -30,10 +30,11 @@ from trocar.procs.arm.supervision import UNWATCHED, Generations, problem
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.inputs import FOR_EVER_NS
-from trocar.procs.node.requests import ANSWERED, Request
+from trocar.procs.node.requests import ANSWERED
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import base_name
 from trocar.shm.mailbox.origins import NO_ORIGIN
+from trocar.shm.mailbox.received import Request
 
 
 class ArmLogic:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Request, carry_out
+from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, carry_out
 from trocar.procs.tables import codes
 from trocar.procs.tables.bring_up import HOME, next_word
 from trocar.procs.tables.codes import Code
@@ -19,6 +19,7 @@ from trocar.procs.teleop.arms import Operator, TeleopArm
 from trocar.procs.teleop.record import TeleopRecord
 from trocar.shm.mailbox.generations import Cell
 from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
+from trocar.shm.mailbox.received import Request
 from trocar.shm.operator_topics import TeleopState
 from trocar.shm.system.events import Events
 
