@@ -19,9 +19,8 @@ def used() -> Iterator[tuple[str, str]]:
         if file.name == "instruments.py":  # its record is another topic's
             continue
         for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Attribute):
-                if ast.unparse(node.value).rpartition(".")[2] in ("record", "_record"):
-                    yield f"{file.relative_to(PROJECT)}:{node.lineno}", node.attr
+            if isinstance(node, ast.Attribute) and ast.unparse(node.value).rpartition(".")[2] in ("record", "_record"):
+                yield f"{file.relative_to(PROJECT)}:{node.lineno}", node.attr
 
 
 def test_each_name_is_a_field() -> None:
