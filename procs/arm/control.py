@@ -29,7 +29,7 @@ from trocar.procs.node.requests import ANSWERED, CommandRefused
 from trocar.procs.node.streams import JAW, StreamKind, Streams
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 from trocar.shm.mailbox.received import Request
 
 REPORT_NS: Final = 2_000_000_000

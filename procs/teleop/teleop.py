@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, carry_out
 from trocar.procs.tables import codes
 from trocar.procs.tables.bring_up import HOME, next_word
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 from trocar.procs.tables.operator_waits import BY_HAND, CLUTCHED
 from trocar.procs.teleop.arms import Operator, TeleopArm
 from trocar.procs.teleop.record import TeleopRecord
