@@ -81,7 +81,7 @@ class TimedBoards:
                 self._close_cycle()
             return answers.get(tcode, other)(bus, data, *where)
 
-        world.answer = answer  # type: ignore[method-assign]  # timed
+        world.answer = answer  # type: ignore[method-assign, assignment]  # timed
         world.step = self._timed("physics", world.step)  # type: ignore[method-assign]  # timed
         world.on_step = self._timed("record", world.on_step)
 
