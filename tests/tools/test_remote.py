@@ -96,7 +96,7 @@ def test_later_answers_are_put_back_under_the_lock_of_all_threads(
     with Remote(kinematic.name, "PSM1") as remote:
         accepted, done = Reply(1, "accepted", ""), Reply(1, "done", "")
 
-        class Watched(list[Reply]):
+        class WatchedInbox(list[Reply]):
             """An inbox that another thread wants to replace while answers are put back into it."""
 
             def __setitem__(self, *_: object) -> None:
@@ -109,7 +109,7 @@ def test_later_answers_are_put_back_under_the_lock_of_all_threads(
 
         found: list[Reply] = []
         takers: list[threading.Thread] = []
-        remote.inbox = Watched()
+        remote.inbox = WatchedInbox()
         monkeypatch.setattr(remote, "replies_to", lambda number: [accepted, done])
         monkeypatch.setattr(remote, "post", lambda *_: 1)
         assert remote.answered("hold") is accepted
