@@ -291,9 +291,7 @@ class Control:
         return text
 
     def push(self, space: Space, which: NDArray[np.bool_] | None = None) -> Efforts:
-        """Apply efforts instead of following positions, to joints `which`; the caller sets the efforts in the returned
-        object.
-        """
+        """Apply efforts instead of positions, to joints `which`; the caller sets them in the returned object."""
         self.motion.space = space
         if self.motion.mode is not EFFORT:
             self.efforts.rest()
