@@ -19,7 +19,8 @@ class Key:
     """Bounds of a number (or of each in a list), or `pattern` of a text, with a description.
 
     `name`: the key in files, if not the field's name; it is `inside` these objects of the section. `default`: in files,
-    if the field has none. `is_optional`: if absent, it follows from other keys.
+    if the field has none. `of`: the section, if a class has keys of several. `is_optional`: if absent, it follows from
+    other keys.
     `min_length`: of a list or text; the key is then required. `length`: of a list, exactly. `choices`: of a text whose
     field can also have others.
     """
@@ -37,6 +38,7 @@ class Key:
     choices: tuple[str, ...] = ()
     inside: tuple[str, ...] = ()
     default: Any = ...
+    of: str = ""
 
 
 NAME: Final = Key(pattern=r"^[A-Za-z0-9_-]{1,40}$", text="letters, digits, _ and -, at most 40")

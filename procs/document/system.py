@@ -295,7 +295,7 @@ class SystemConfig:
     foxglove: FoxgloveServer | None = None
     gui: WebConsole | None = None
     recorder: Recorder | None = None
-    audio_volume: Annotated[float, Key(0.0, 1.0)] = 0.5
+    audio_volume: Annotated[float, Key(0.0, 1.0, of="settings")] = 0.5
     supervisor_lost_s: Annotated[float, Key(0.1, 60.0, "s")] = 1.0
     group: str = ""  # its members may attach, too
     service_user: str = ""  # user whose shared memory is trusted besides our own and root's

@@ -186,7 +186,7 @@ class ConsoleKeys(SafetySection):
     teleop_ECMs: Rows[TeleopEcmKeys] = ()
 
 
-@keys_of(SystemConfig, "audio_volume")
+@keys_of(SystemConfig, "settings")
 class SettingsKeys(Section):
     """Miscellaneous settings."""
 

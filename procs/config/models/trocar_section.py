@@ -292,7 +292,7 @@ class RecorderKeys(Section):
         folder: str = ""
 
 
-@keys_of(SystemConfig, "supervisor_lost_s")
+@keys_of(SystemConfig)
 class TrocarSection(Section):
     """The whole section."""
 

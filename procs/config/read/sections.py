@@ -58,12 +58,11 @@ class SafetySection(Section):
     """Keys of other versions that are not supported, and what to do instead."""
 
 
-def keys_of(kind: type, *names: str) -> Callable[[type[SectionType]], type[SectionType]]:
-    """Add the keys declared in the document's `kind` to a section, after its own; if `names` are given, only these."""
+def keys_of(kind: type, of: str = "") -> Callable[[type[SectionType]], type[SectionType]]:
+    """Add the keys that the document's `kind` declares for this section (`Key.of`) to it, after its own."""
 
     def add(model: type[SectionType]) -> type[SectionType]:
-        fields: dict[str, Any] = {row[0].name: _field_of(*row) for row in keys_in(kind)
-                                  if not names or row[0].name in names}
+        fields: dict[str, Any] = {row[0].name: _field_of(*row) for row in keys_in(kind) if row[2].of == of}
         return create_model(model.__name__, __base__=model, __doc__=model.__doc__, __module__=model.__module__,
                             **fields)
 
