@@ -18,7 +18,7 @@ from trocar.procs.arm.joint_commands import JointCommands
 from trocar.procs.arm.joints import JointSpace, kinematic_home
 from trocar.procs.arm.machine import ArmStates
 from trocar.procs.arm.motion import EFFORT, Mode, Space
-from trocar.procs.arm.recovery import beginning, previous_state
+from trocar.procs.arm.recovery import PreviousState, beginning, previous_state
 from trocar.procs.arm.settings import Settings
 from trocar.procs.arm.setup_base import SetupBase
 from trocar.procs.arm.stages.homed import Homed, Manual
@@ -30,10 +30,11 @@ from trocar.procs.arm.supervision import UNWATCHED, Generations, problem
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.inputs import FOR_EVER_NS
-from trocar.procs.node.requests import ANSWERED, Request
+from trocar.procs.node.requests import ANSWERED
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import base_name
 from trocar.shm.mailbox.origins import NO_ORIGIN
+from trocar.shm.mailbox.received import Request
 
 
 class ArmLogic:
@@ -46,22 +47,14 @@ class ArmLogic:
 
     def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
         """A derived class adds its own commands and states to `_commands` and `_stages`."""
-        self._around = around
-        self._previous_state = before = previous_state(around.state)
-        self.machine = ArmStates(arm.name, around.reports, self._enter, self._is_home)
-        self.control = control = Control(arm, around, self.machine)
-        self.io, self._setup_base = control.io, around.setup_base
-        self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
-        base: Array | None = np.array(arm.base_frame) if arm.base_frame is not None else np.eye(4)
-        frame = arm.reference_frame or base_name(arm.name)
-        if before is not None:
-            frame, base = before.reference_frame, before.base
-            control.motion.ratio_v, control.motion.ratio_a = before.ratio_v, before.ratio_a
-        control.cartesian.name_frame(frame)
-        control.cartesian.set_base(base if around.setup_base is None else None)
-        control.record.show_ratios(control.motion)
+        self._around, self._setup_base = around, around.setup_base
+        self._previous_state = previous_state(around.state)
         self._started = self._clutched = False
         self._epoch, self._asked_by = 0, NO_ORIGIN
+        self.machine = ArmStates(arm.name, around.reports, self._enter, self._is_home)
+        self.control = control = Control(arm, around, self.machine)
+        self.io = control.io
+        self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
         self._commands = ArmCommands(control, {
             **JointCommands(control).table, **self.cartesian_commands.table, **Settings(control, arm.base_from).table,
             "state_command": ArmCommandRow(self._state_command)})
@@ -77,6 +70,19 @@ class ArmLogic:
             ArmState.PAUSED: Paused(self),
             ArmState.FAULT: Fault(self),
         }
+        self._take_settings(arm, self._previous_state)
+
+    def _take_settings(self, arm: ArmConfig, before: PreviousState | None) -> None:
+        """The base frame and the ratios of moves: those of the previous process, or of the configuration."""
+        control = self.control
+        base: Array | None = np.array(arm.base_frame) if arm.base_frame is not None else np.eye(4)
+        frame = arm.reference_frame or base_name(arm.name)
+        if before is not None:
+            frame, base = before.reference_frame, before.base
+            control.motion.ratio_v, control.motion.ratio_a = before.ratio_v, before.ratio_a
+        control.cartesian.name_frame(frame)
+        control.cartesian.set_base(base if self._setup_base is None else None)
+        control.record.show_ratios(control.motion)
 
     # what an arm may have of its own
 

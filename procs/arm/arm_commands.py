@@ -15,9 +15,10 @@ from typing import Final
 from trocar.procs.arm.control import REPORT_NS, Control
 from trocar.procs.arm.motion import Mode
 from trocar.procs.arm.states import FAULT, HOMED
-from trocar.procs.node.requests import CommandRefused, Handler, Request, carry_out
+from trocar.procs.node.requests import CommandRefused, Handler, carry_out
 from trocar.procs.node.streams import StreamKind
 from trocar.procs.tables import codes
+from trocar.shm.mailbox.received import Request
 
 KINDS: Final = {kind.value: kind for kind in StreamKind}
 

@@ -18,8 +18,9 @@ from trocar.procs.arm.reach import Guard, Reach
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import Array, given_pose
 from trocar.procs.node.inputs import FOR_EVER_NS
-from trocar.procs.node.requests import CommandRefused, Request, switch
+from trocar.procs.node.requests import CommandRefused, switch
 from trocar.procs.tables import codes
+from trocar.shm.mailbox.received import Request
 
 POSE: Final = 7
 TWIST: Final = 6

@@ -25,11 +25,12 @@ from trocar.procs.arm.setup_base import BaseSteps
 from trocar.procs.arm.supervision import Generations
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.poses import Array
-from trocar.procs.node.requests import ANSWERED, CommandRefused, Request
+from trocar.procs.node.requests import ANSWERED, CommandRefused
 from trocar.procs.node.streams import JAW, StreamKind, Streams
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
+from trocar.shm.mailbox.received import Request
 
 REPORT_NS: Final = 2_000_000_000
 ARRIVE_NS: Final = 500_000_000  # time for joints to arrive at the goal after the end of a move's trajectory
@@ -290,9 +291,7 @@ class Control:
         return text
 
     def push(self, space: Space, which: NDArray[np.bool_] | None = None) -> Efforts:
-        """Apply efforts instead of following positions, to joints `which`; the caller sets the efforts in the returned
-        object.
-        """
+        """Apply efforts instead of positions, to joints `which`; the caller sets them in the returned object."""
         self.motion.space = space
         if self.motion.mode is not EFFORT:
             self.efforts.rest()

@@ -29,10 +29,11 @@ from trocar.procs.arm.states import ArmEvent, ArmState
 from trocar.procs.crtk.user_rows import arguments_of, command_row, handler_of
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.document.user_process import UserCommand
-from trocar.procs.node.requests import CommandRefused, Request
+from trocar.procs.node.requests import CommandRefused
 from trocar.procs.tables import codes
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.command_row import FREE
+from trocar.shm.mailbox.received import Request
 
 MAX_NAME: Final = 23
 """Size of the name of a state, bytes."""

@@ -15,8 +15,9 @@ from trocar.procs.arm.states import ArmState
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.endoscopes import NAMES
 from trocar.procs.kinematics.poses import Array
-from trocar.procs.node.requests import CommandRefused, Request
+from trocar.procs.node.requests import CommandRefused
 from trocar.procs.tables import codes
+from trocar.shm.mailbox.received import Request
 
 INSERTION: Final = 2
 MIN_INSERTION: Final = 0.04  # m; goals of the tip never retract the endoscope further

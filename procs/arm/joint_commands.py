@@ -6,7 +6,7 @@ from trocar.procs.arm.arm_commands import ArmCommandRow, Ready, Table
 from trocar.procs.arm.control import Control
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.states import ArmState
-from trocar.procs.node.requests import Request
+from trocar.shm.mailbox.received import Request
 
 
 class JointCommands:

@@ -20,8 +20,8 @@ from trocar.procs.arm.states import (
     refusal,
 )
 from trocar.procs.node.fault_report import FaultReport
-from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
+from trocar.shm.mailbox.received import Request
 from trocar.shm.system.events import Events
 
 LEADS_TO: Final = {ArmEvent.HOME: ArmEvent.ENABLE}

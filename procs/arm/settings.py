@@ -11,8 +11,9 @@ import numpy as np
 from trocar.procs.arm.arm_commands import ArmCommandRow, Table
 from trocar.procs.arm.control import Control
 from trocar.procs.kinematics.poses import Array, given_pose, pose_from_matrix
-from trocar.procs.node.requests import CommandRefused, Request, switch
+from trocar.procs.node.requests import CommandRefused, switch
 from trocar.procs.tables import codes
+from trocar.shm.mailbox.received import Request
 
 CRTK_VERSION: Final = "1.1.0"
 POSE: Final = 7

@@ -7,7 +7,8 @@ from typing import Final
 
 from trocar.procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
-from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, Request, carry_out, has_left, switch
+from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, carry_out, has_left, switch
+from trocar.shm.mailbox.received import Request
 
 STAY: Final = "stay"
 KINDS: Final = {0.0: RELEASED, 1.0: PRESSED, 2.0: CLICKED}

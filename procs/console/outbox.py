@@ -10,7 +10,7 @@ from trocar.procs.console.selection import Selectable
 from trocar.procs.node.debounce import NAMES
 from trocar.procs.node.node import Node
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 from trocar.shm.ring.ring import RingReader

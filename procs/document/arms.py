@@ -23,17 +23,17 @@ GRAVITY_PARAMETERS: Final = MASS_TERMS + MODELLED_JOINTS * CABLE_ORDERS
 class DhLink:
     """One Denavit-Hartenberg row with limits and, if the file has them, inertial values."""
 
-    name: str
-    joint_type: str  # revolute or prismatic
-    alpha: float
-    a: float
-    theta: float
-    d: float
-    offset: float
-    lower: float
-    upper: float
-    effort_max: float
-    mass: float = 0.0
+    name: Annotated[str, Key(default="")]
+    joint_type: Annotated[str, Key(name="type", choices=("revolute", "prismatic"))]
+    alpha: Annotated[float, Key()]
+    a: Annotated[float, Key(name="A")]
+    theta: Annotated[float, Key()]
+    d: Annotated[float, Key(name="D")]
+    offset: Annotated[float, Key(default=0.0)]
+    lower: Annotated[float, Key(name="qmin", default=0.0)]
+    upper: Annotated[float, Key(name="qmax", default=0.0)]
+    effort_max: Annotated[float, Key(0.0, name="ftmax", default=0.0)]
+    mass: Annotated[float, Key(0.0)] = 0.0
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     passive: bool = False
@@ -163,12 +163,14 @@ class ArmConfig:
     instrument_reader: str = ""  # PSM: name of the reader of its instruments' memory
     endoscope: str = ""  # ECM: one of `trocar.procs.kinematics.endoscopes.NAMES`
     master_gravity: MasterGravityParameters | None = None  # MTM, from the file measured on it
-    platform_gain: float = 0.5  # MTM, 0 to 1
+    platform_gain: Annotated[float, Key(0.0, 1.0, of="MTM")] = 0.5
     gripper: str = ""  # MTM: the robot of its gripper, on the same io
-    gripper_debounce_s: float = 0.2  # time after which a closed gripper is reported as closed
-    gripper_zero: float = 0.0  # rad; largest angle of a closed gripper
+    gripper_debounce_s: Annotated[  # time after which a closed gripper is reported as closed
+        float, Key(0.0, text="s", name="gripper_events_debounce", of="MTM")] = 0.2
+    gripper_zero: Annotated[  # rad; largest angle of a closed gripper
+        float, Key(name="gripper_events_zero", of="MTM")] = 0.0
     mounting_pitch: float | None = None  # rad
-    re_home: bool = True
+    re_home: Annotated[bool, Key(of="arm file")] = True
     skip_gravity_compensation: bool = False  # then neither `links` nor `master_gravity`
     base_frame: Matrix | None = None
     reference_frame: str = ""

@@ -83,7 +83,7 @@ class FoxgloveServer:
     """The server for Foxglove and Lichtblick: topics and the robot in 3D, view only."""
 
     listen: str
-    rate_hz: float
+    rate_hz: Annotated[float, Key(1.0, 200.0, "Hz")] = 30.0
     certificate: str = ""  # of TLS, with its key; empty: no TLS
     key: str = ""
 

@@ -3,7 +3,7 @@
     setpoint_timeout_s: Annotated[float, Key(0.001, 1.0, "s of an old setpoint, then hold")] = 0.03
 
 The sections of `trocar.procs.config.models` include such fields with `keys_of`. A section with the same keys as a class
-of the document is made from that class: `Keys[UserTopic]` (`trocar.procs.config.read.validate`).
+of the document is made from that class: `Keys[UserTopic]` (`trocar.procs.config.read.sections`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from typing import Any, Final, get_type_hints
 class Key:
     """Bounds of a number (or of each in a list), or `pattern` of a text, with a description.
 
-    `name`: the key in files, if not the field's name. `is_optional`: if absent, it follows from other keys.
+    `name`: the key in files, if not the field's name; it is `inside` these objects of the section. `default`: in files,
+    if the field has none. `of`: the section, if a class has keys of several. `is_optional`: if absent, it follows from
+    other keys.
     `min_length`: of a list or text; the key is then required. `length`: of a list, exactly. `choices`: of a text whose
     field can also have others.
     """
@@ -34,11 +36,15 @@ class Key:
     min_length: int | None = None
     length: int | None = None
     choices: tuple[str, ...] = ()
+    inside: tuple[str, ...] = ()
+    default: Any = ...
+    of: str = ""
 
 
 NAME: Final = Key(pattern=r"^[A-Za-z0-9_-]{1,40}$", text="letters, digits, _ and -, at most 40")
 BOARD_ID: Final = Key(0, 15, "the controller's rotary switch")
 BIT_ID: Final = Key(0, 31)
+AXIS_ID: Final = Key(-1, 9, default=-1)
 MADE: Final = Key(text="made when the file is loaded")
 """Of a field that is no key of the section."""
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from dataclasses import dataclass
-from typing import Annotated, TypeVar
+from typing import Annotated, Final, TypeVar
 
 from trocar.procs.document.arms import ArmConfig as ArmConfig
 from trocar.procs.document.arms import ArmInputs as ArmInputs
@@ -39,7 +39,7 @@ from trocar.procs.document.emulated import ModelVariation as ModelVariation
 from trocar.procs.document.emulated import Quirks as Quirks
 from trocar.procs.document.emulated_names import with_names_on_boards
 from trocar.procs.document.gains import PidAxis as PidAxis
-from trocar.procs.document.keys import BIT_ID, BOARD_ID, MADE, NAME, Key
+from trocar.procs.document.keys import AXIS_ID, BIT_ID, BOARD_ID, MADE, NAME, Key
 from trocar.procs.document.process import Process as Process
 from trocar.procs.document.recorder import NAME as RECORDER
 from trocar.procs.document.recorder import Recorder as Recorder
@@ -70,14 +70,19 @@ class Linear:
     offset: float = 0.0
 
 
+_DRIVE: Final = Key(inside=("drive",))
+_LIMIT: Final = Key(inside=("position_limits_soft",))
+_MOST_A: Final = Key(0.0, 20.0, "A", inside=("drive",), default=0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Encoder:
     """Counts to joint position (rad or m), soft limits, and the source of velocity (FIRMWARE or SOFTWARE)."""
 
     bits_to_position: Linear
-    lower: float
-    upper: float
-    velocity_source: str
+    lower: Annotated[float, _LIMIT]
+    upper: Annotated[float, _LIMIT]
+    velocity_source: Annotated[str, Key(choices=("FIRMWARE", "SOFTWARE"))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +97,14 @@ class Potentiometer:
 class Actuator:
     """One motor axis of a board: `axis_id` 0-3 on a QLA1; currents in A, efforts in N·m or N. Negative id: no board."""
 
-    board_id: int
-    axis_id: int
-    joint_type: str  # REVOLUTE, PRISMATIC or UNDEFINED
-    effort_to_current: float  # A per N·m (or N)
-    current_to_bits: Linear
-    bits_to_current: Linear
-    maximum_current: float
+    board_id: Annotated[int, BOARD_ID]
+    axis_id: Annotated[int, AXIS_ID]
+    joint_type: Annotated[str, Key(choices=("UNDEFINED", "REVOLUTE", "PRISMATIC"), default="UNDEFINED")]
+    effort_to_current: Annotated[  # A per N·m (or N)
+        float, Key(name="scale", inside=("drive", "effort_to_current"), default=0.0)]
+    current_to_bits: Annotated[Linear, _DRIVE]
+    bits_to_current: Annotated[Linear, _DRIVE]
+    maximum_current: Annotated[float, _MOST_A]
     encoder: Encoder | None = None
     potentiometer: Potentiometer | None = None
 
@@ -115,13 +121,13 @@ class Tolerance:
 class Brake:
     """A brake on a motor channel of a board; current releases it. Currents in A."""
 
-    board_id: int
-    axis_id: int
-    current_to_bits: Linear
-    bits_to_current: Linear
-    maximum_current: float
+    board_id: Annotated[int, BOARD_ID]
+    axis_id: Annotated[int, AXIS_ID]
+    current_to_bits: Annotated[Linear, _DRIVE]
+    bits_to_current: Annotated[Linear, _DRIVE]
+    maximum_current: Annotated[float, _MOST_A]
     release_current: float
-    release_s: float  # duration of the release current
+    release_s: Annotated[float, Key(0.0, 60.0, name="release_time")]  # duration of the release current
     released_current: float
     engaged_current: float
 
@@ -256,8 +262,8 @@ class EmulationConfig:
 
     period_s: float
     buses: tuple[BusConfig, ...]
-    seed: int = 1
-    pot_noise_v: float = 0.0
+    seed: Annotated[int, Key(0, 2**32 - 1)] = 1
+    pot_noise_v: Annotated[float, Key(0.0, 1.0, "V")] = 0.0
     instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
     model_variations: tuple[ModelVariation, ...] = ()
     setup_joints: tuple[EmulatedSetupJoints, ...] = ()
@@ -289,8 +295,8 @@ class SystemConfig:
     foxglove: FoxgloveServer | None = None
     gui: WebConsole | None = None
     recorder: Recorder | None = None
-    audio_volume: Annotated[float, Key(0.0, 1.0)] = 0.5
-    supervisor_lost_s: float = 1.0
+    audio_volume: Annotated[float, Key(0.0, 1.0, of="settings")] = 0.5
+    supervisor_lost_s: Annotated[float, Key(0.1, 60.0, "s")] = 1.0
     group: str = ""  # its members may attach, too
     service_user: str = ""  # user whose shared memory is trusted besides our own and root's
     logs: Logs = Logs()

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, TypeAlias
+from typing import Annotated, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from trocar.procs.document.keys import Key
 
 Floats: TypeAlias = NDArray[np.float64]
 Flags: TypeAlias = NDArray[np.bool_]
@@ -28,7 +30,7 @@ class TaskRow:
     name: str  # of the class (or function) that makes it
     robots: tuple[str, ...]
     budget_s: float = 50e-6
-    over_budget: int = 10
+    over_budget: Annotated[int, Key(1, 1000, "cycles in a row")] = 10
     options: dict[str, object] = field(default_factory=dict)
 
 

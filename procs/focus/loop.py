@@ -10,7 +10,8 @@ from trocar.procs.document.system import Focus, WiredInput
 from trocar.procs.focus.lens import COMMANDED_NS, IN, OUT, Lens
 from trocar.procs.node import runtime
 from trocar.procs.node.node import Node
-from trocar.procs.node.requests import CommandRefused, Request, carry_out, switch
+from trocar.procs.node.requests import CommandRefused, carry_out, switch
+from trocar.shm.mailbox.received import Request
 
 WAYS: Final = {"focus_in": IN, "focus_out": OUT}
 

@@ -18,12 +18,12 @@ from trocar.procs.io.brakes import Brakes
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.record import Floats
 from trocar.procs.io.robots import IoData
-from trocar.procs.node.requests import Request
+from trocar.procs.io.room import Room
+from trocar.shm.mailbox.received import Request
 
 MAX_SHARE: Final = 0.5  # of the motor's largest current
 MAX_RISE_S: Final = 3.0
 MAX_TRAVEL_RAD, MAX_TRAVEL_M = 0.2, 0.03
-ROOM_RAD, ROOM_M = 0.35, 0.05  # permitted motion of another axis, which nothing holds
 TRAVEL_S: Final = 0.5  # the travel takes no less time than this
 FREE_S: Final = 1.0  # how long an axis has current after its brake has released
 
@@ -55,11 +55,9 @@ class AxisDrive:
     """Tests of all robots, one at a time on each."""
 
     def __init__(self, data: IoData, pid: Pid, brakes: Brakes) -> None:
-        self._samples, self._record, self._pid, self._brakes = data.samples, data.record, pid, brakes
-        self._robots = robots = data.robots
-        slides = np.array([a.joint_type == "PRISMATIC" for a in robots.actuators], dtype=bool)
-        self._room = np.where(slides, ROOM_M, ROOM_RAD)
-        self._most_travel = np.where(slides, MAX_TRAVEL_M, MAX_TRAVEL_RAD)
+        self._robots, self._samples, self._pid, self._brakes = data.robots, data.samples, pid, brakes
+        self._room = Room(data)
+        self._most_travel = np.where(self._room.slides, MAX_TRAVEL_M, MAX_TRAVEL_RAD)
         self.running: dict[int, AxisDriveRun] = {}
 
     def objection(self, robot: int, order: AxisDriveOrder) -> str:
@@ -76,8 +74,8 @@ class AxisDrive:
 
     def begin(self, robot: int, order: AxisDriveOrder, asker: Request, now_ns: int) -> None:
         """Start."""
-        start = self._samples.position[self._robots.slices[robot]].copy()
-        self.running[robot] = AxisDriveRun(order, asker, now_ns, start, now_ns + round(order.rise_s * 1e9))
+        self.running[robot] = AxisDriveRun(order, asker, now_ns, self._room.start(robot),
+                                           now_ns + round(order.rise_s * 1e9))
 
     def stop(self, robot: int, why: str) -> None:
         """End the test."""
@@ -93,19 +91,20 @@ class AxisDrive:
                 self._advance(robot, self.running[robot], now_ns)
 
     def _advance(self, robot: int, test: AxisDriveRun, now_ns: int) -> None:
-        record, axes, order = self._record, self._robots.slices[robot], test.order
-        if not (record.amps_on[robot] and record.power_requested[robot]) or record.pid_enabled[robot]:
+        order = test.order
+        if not self._room.may_test(robot):
             self.stop(robot, "power went off, or the joint controller on")
             return
-        moved = self._samples.position[axes] - test.start
-        others = np.abs(moved) > self._room[axes]
-        if others.any():
-            self._finish(robot, test, f"axis {int(np.argmax(others))} moved too far; ")
+        moved = self._room.moved(robot, test.start)
+        far = self._room.is_over(robot, moved)
+        if far.any():
+            self._finish(robot, test, f"axis {int(np.argmax(far))} moved too far; ")
         elif (abs(moved[order.axis]) >= order.travel
               or (now_ns >= test.end_ns and not self._let_go(robot, test, now_ns))):
             self._finish(robot, test)
         else:
-            share, place = min(1.0, (now_ns - test.begin_ns) / round(order.rise_s * 1e9)), axes.start + order.axis
+            share = min(1.0, (now_ns - test.begin_ns) / round(order.rise_s * 1e9))
+            place = self._robots.slices[robot].start + order.axis
             # above a certain speed less current, none at twice that speed: a fast axis coasts without current
             share *= min(1.0, max(0.0, 2.0 - abs(self._samples.velocity[place]) * TRAVEL_S / order.travel))
             self._pid.effort_when_off[place] = share * order.current_a / self._robots.effort_to_current[place]
@@ -120,7 +119,7 @@ class AxisDrive:
 
     def _finish(self, robot: int, test: AxisDriveRun, what: str = "") -> None:
         axis = test.order.axis
-        moved = self._samples.position[self._robots.slices[robot]][axis] - test.start[axis]
+        moved = self._room.moved(robot, test.start)[axis]
         del self.running[robot]
         self._end(robot, test)
         test.asker.done(f"{what}axis {axis} moved by {moved:.5g}")

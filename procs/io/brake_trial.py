@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
-from trocar.procs.io.axis_drive import ROOM_M, ROOM_RAD
 from trocar.procs.io.brakes import Brakes
 from trocar.procs.io.record import Floats
 from trocar.procs.io.robots import IoData
+from trocar.procs.io.room import Room
 
 LASTS_NS: Final = 500_000_000
 
@@ -32,9 +30,7 @@ class BrakeTrials:
     """Those of all robots, one at a time on each."""
 
     def __init__(self, data: IoData, brakes: Brakes) -> None:
-        self._robots, self._samples, self._record, self._brakes = data.robots, data.samples, data.record, brakes
-        slides = np.array([a.joint_type == "PRISMATIC" for a in data.robots.actuators], dtype=bool)
-        self._room = np.where(slides, ROOM_M, ROOM_RAD)
+        self._room, self._brakes = Room(data), brakes
         self.running: dict[int, BrakeTrial] = {}
         self._fallen: set[int] = set()  # robots with an axis that moved too far, until `stop`
 
@@ -47,19 +43,17 @@ class BrakeTrials:
             return f"brake {trial.axis} is being tried"
         if why := self._brakes.give(robot, axis, current_a):
             return why
-        start = self._samples.position[self._robots.slices[robot]].copy() if trial is None else trial.start
+        start = self._room.start(robot) if trial is None else trial.start
         self.running[robot] = BrakeTrial(axis, start, now_ns + LASTS_NS)
         return ""
 
     def step(self, now_ns: int) -> None:
         """Called with each good sample."""
         for robot, trial in list(self.running.items()):
-            axes, record = self._robots.slices[robot], self._record
-            far = np.abs(self._samples.position[axes] - trial.start) > self._room[axes]
-            is_free = record.amps_on[robot] and record.power_requested[robot] and not record.pid_enabled[robot]
-            if now_ns >= trial.end_ns or far.any() or not is_free:
+            has_fallen = self._room.is_over(robot, self._room.moved(robot, trial.start)).any()
+            if now_ns >= trial.end_ns or has_fallen or not self._room.may_test(robot):
                 self.stop(robot)
-                if far.any():
+                if has_fallen:
                     self._fallen.add(robot)
 
     def stop(self, robot: int) -> None:

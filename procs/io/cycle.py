@@ -24,8 +24,8 @@ from trocar.procs.io.reports import also
 from trocar.procs.io.start import restore
 from trocar.procs.io.timing import Timing
 from trocar.procs.native.io_fields import CONTROLLED, LIMIT, MISSED, NOT_FINITE, SENT, STATUS, TRACKING
-from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
+from trocar.shm.mailbox.received import Request
 
 DEFAULT_AGE_NS: Final = 30_000_000  # permitted age of a sample where the watchdog is switched off
 MISSED_REPEAT_NS: Final = 1_000_000_000

@@ -7,6 +7,7 @@ from trocar.procs.io.assemble import Parts
 from trocar.procs.io.reports import IoEvent, IoFaultReport
 from trocar.procs.node import fault_report as faults
 from trocar.procs.tables import codes
+from trocar.procs.tables.code_row import CUT, JOINT, NOTHING, POWER_OFF
 from trocar.shm.system.events import SEVERITIES
 
 
@@ -27,10 +28,10 @@ class FaultHandler:
             if not record.fault[robot]:
                 self._reported[robot].clear()
             what = fault.number, trip.axis
-            if fault.action == codes.NOTHING or what not in self._reported[robot]:
+            if fault.action == NOTHING or what not in self._reported[robot]:
                 self._reported[robot].add(what)
                 self._report(trip)
-            if fault.action == codes.NOTHING:
+            if fault.action == NOTHING:
                 continue
             if not record.fault[robot]:
                 record.fault[robot] = fault.number
@@ -38,9 +39,9 @@ class FaultHandler:
             parts.desired.void(robot)
             parts.follow.enable(robot, False, now_ns)
             parts.brakes.engage(robot)  # the axes the joint controller no longer holds
-            if fault.action in (codes.POWER_OFF, codes.CUT):
+            if fault.action in (POWER_OFF, CUT):
                 parts.bias.stop(robot)
-                parts.power.off(robot, open_relays=fault.action == codes.CUT)
+                parts.power.off(robot, open_relays=fault.action == CUT)
                 for other in self._robots.sharing(robot):
                     if record.power_requested[other]:
                         self._reports.trip(codes.SHARED_BOARD, other)
@@ -51,7 +52,7 @@ class FaultHandler:
         if trip.axis >= 0:
             drive = int(robots.of_robot[trip.robot][trip.axis])
             axis, boards = robots.titles[trip.robot][trip.axis], boards or faults.boards_of(robots.all[drive])
-            unit = robots.unit(drive) if unit == codes.JOINT else unit
+            unit = robots.unit(drive) if unit == JOINT else unit
         text = faults.sentence(faults.place(name, axis, boards), fault.cause,
                                 faults.figures(fault, trip.value, trip.limit, unit), trip.detail)
         self._reports.events.append(IoEvent(

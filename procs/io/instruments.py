@@ -21,7 +21,7 @@ from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.record import Field, private
 from trocar.procs.io.reports import IoEvent
 from trocar.procs.io.robots import IoData
-from trocar.procs.node.requests import Request
+from trocar.shm.mailbox.received import Request
 from trocar.shm.topics import IO_INSTRUMENTS
 
 POLL_NS: Final = 20_000_000  # also the shortest time before "no answer" can answer our command

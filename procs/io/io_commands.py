@@ -14,12 +14,13 @@ from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.record import Flags
 from trocar.procs.node.fault_report import fault_of
-from trocar.procs.node.requests import CommandRefused, Request, switch
+from trocar.procs.node.requests import CommandRefused, switch
 from trocar.procs.tables import codes
 from trocar.procs.tables.desired_state import SETTINGS, SWITCHING
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.generations import OwnCell
 from trocar.shm.mailbox.guard import unauthorized
+from trocar.shm.mailbox.received import Request
 
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
 WITH_MORE: Final = ("set_gains",)  # whose text continues after the name

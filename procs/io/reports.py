@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.node import fault_report as faults
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 
 
 @dataclass(frozen=True, slots=True)

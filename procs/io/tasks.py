@@ -29,7 +29,7 @@ from trocar.procs.io.record import Flags, Floats, IoRecord
 from trocar.procs.io.robots import IoData, Robots, Samples
 from trocar.procs.node.setup_error import SetupError
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 
 FORGIVEN_AFTER: Final = 20  # cycles within the budget that compensate one over it
 

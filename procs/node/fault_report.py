@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from trocar.procs.document.system import Actuator, Brake, IoConfig
-from trocar.procs.tables.codes import FAULTS, IO_FAULT, Code
+from trocar.procs.tables.code_row import Code
+from trocar.procs.tables.codes import FAULTS, IO_FAULT
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,8 @@ from trocar.procs.document.system import Actuator, Brake, IoConfig, RecordPlace
 from trocar.procs.node.fault_report import FaultReport, axis_titles, boards_of, place, reported, sentence
 from trocar.procs.node.inputs import Fields
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import AMPLIFIER, ARM_LOST, ERROR, FAULTS, Code
+from trocar.procs.tables.code_row import ERROR, Code
+from trocar.procs.tables.codes import AMPLIFIER, ARM_LOST, FAULTS
 from trocar.shm.ring.ring import RingReader
 
 RECENT_NS = 200_000_000

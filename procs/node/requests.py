@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Final
 
 from trocar.procs.kinematics.poses import PoseError
-from trocar.shm.mailbox.received import Request as Request
+from trocar.shm.mailbox.received import Request
 
 STREAM_ENDED: Final = "this stream has ended"
 """Begin of an arm's answers to goals of a stream that it has ended, until the stream pauses for STREAM_PAUSE_NS."""

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from trocar.procs.node.requests import STREAM_ENDED, STREAM_PAUSE_NS, Request
+from trocar.procs.node.requests import STREAM_ENDED, STREAM_PAUSE_NS
 from trocar.shm.mailbox.command_row import FREE
+from trocar.shm.mailbox.received import Request
 
 STREAM_NS: Final = 100_000_000  # an older goal belongs to no stream
 PERIODS: Final = 3

@@ -10,6 +10,7 @@ from typing import Final
 from trocar.procs.crtk.plain import plain
 from trocar.procs.recorder.sources import RecordedRing, SystemSources
 from trocar.procs.tables import codes
+from trocar.procs.tables.code_row import POWER_OFF
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import ERROR
 
@@ -22,7 +23,7 @@ WELL_NS: Final = 2_000_000_000
 NEAR_NS: Final = 1_000_000_000
 """Largest time between an error and the FAULT that it caused."""
 ERRORS: Final = 200
-POWERING_OFF: Final = frozenset(row.code.encode() for row in codes.FAULTS if row.action >= codes.POWER_OFF)
+POWERING_OFF: Final = frozenset(row.code.encode() for row in codes.FAULTS if row.action >= POWER_OFF)
 
 
 @dataclass(frozen=True, slots=True)

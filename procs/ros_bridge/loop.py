@@ -175,9 +175,12 @@ class RosLoop(UserLoop):
     def _leaves_out(self, is_of_stream: bool) -> bool:
         """After a stall, drop messages received meanwhile: stream goals after a short one, all after a long one.
 
-        DDS must first deliver them from the network: for a moment all messages are dropped.
+        DDS must first deliver them from the network: for a moment all messages are dropped. The node looks for stalls
+        (`Pauses`) only once a period, after the messages of that period; a message that waited must not reach an arm,
+        so the bridge looks before each one. The clock is read once: a stall between two readings would be missed.
         """
-        now, before, self._awake_ns = boottime_ns(), self._awake_ns, boottime_ns()
+        now = boottime_ns()
+        before, self._awake_ns = self._awake_ns, now
         if now - before > STREAM_NS:
             self._deaf_until_ns = now + DEAF_NS
         if now - before > self.node.late_s * 1e9:

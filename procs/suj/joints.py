@@ -11,7 +11,6 @@ import numpy as np
 from trocar.procs.document.cart import Cart
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.node.inputs import Fields
-from trocar.procs.node.requests import Request
 from trocar.procs.suj.classic import Classic
 from trocar.procs.suj.frames import CarriedTip, Frames
 from trocar.procs.suj.machine import SetupPower, SetupState, SetupStates
@@ -21,6 +20,7 @@ from trocar.procs.suj.si import Si
 from trocar.procs.tables import codes
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
 from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
+from trocar.shm.mailbox.received import Request
 from trocar.shm.memory.layout import shorten
 from trocar.shm.system.events import Events
 

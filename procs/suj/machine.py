@@ -7,8 +7,8 @@ from enum import StrEnum
 from typing import Final
 
 from trocar.procs.node.fault_report import NO_FAULT, FaultReport
-from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
+from trocar.shm.mailbox.received import Request
 from trocar.shm.system.events import Events
 
 

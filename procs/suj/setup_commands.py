@@ -9,11 +9,12 @@ import numpy as np
 
 from trocar.procs.document.cart import FIXED, Cart
 from trocar.procs.kinematics.poses import matrix_from_pose, normalised
-from trocar.procs.node.requests import CommandRefused, Handler, Request, carry_out, switch
+from trocar.procs.node.requests import CommandRefused, Handler, carry_out, switch
 from trocar.procs.suj.classic import Classic
 from trocar.procs.suj.machine import SetupState, SetupStates
 from trocar.procs.suj.setups import Setups
 from trocar.procs.suj.si import Si
+from trocar.shm.mailbox.received import Request
 
 FURTHEST: Final = 100.0  # m or rad: beyond any joint of a patient cart
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from trocar.procs.node.requests import Request
 from trocar.procs.supervisor.children import Child, missing
 from trocar.procs.tables import lifecycle
+from trocar.shm.mailbox.received import Request
 
 
 @dataclass(frozen=True, slots=True)

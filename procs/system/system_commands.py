@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, Request, carry_out
+from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, carry_out
 from trocar.procs.system.bring_up import POWER_OFF, POWER_ON, ArmOnRing, BringUp
 from trocar.procs.system.sound import BEEPS, SPEECH, Sound
 from trocar.procs.tables import codes
 from trocar.procs.tables.bring_up import HOME
 from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.mailbox.received import Request
 from trocar.shm.system.events import Events
 
 BEEP_S, BEEP_HZ = 0.3, 3000.0

@@ -11,13 +11,14 @@ import numpy as np
 from trocar.procs.document.consoles import TeleopPsmConfig as Settings
 from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import FOR_EVER_NS
-from trocar.procs.node.requests import CommandRefused, Handler, Request, switch
+from trocar.procs.node.requests import CommandRefused, Handler, switch
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.tables.operator_waits import ALIGN_ONLY, CLUTCHED
 from trocar.procs.teleop.arms import BaseFrame, TeleopArm
 from trocar.procs.teleop.teleop import StateRow, Teleop, TeleopContext
 from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
+from trocar.shm.mailbox.received import Request
 from trocar.shm.operator_topics import TeleopState
 
 WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when this process does

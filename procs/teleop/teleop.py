@@ -10,14 +10,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Request, carry_out
+from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, carry_out
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.bring_up import HOME, next_word
+from trocar.procs.tables.code_row import Code
 from trocar.procs.tables.operator_waits import BY_HAND, CLUTCHED
 from trocar.procs.teleop.arms import Operator, TeleopArm
 from trocar.procs.teleop.record import TeleopRecord
 from trocar.shm.mailbox.generations import Cell
 from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
+from trocar.shm.mailbox.received import Request
 from trocar.shm.operator_topics import TeleopState
 from trocar.shm.system.events import Events
 
@@ -67,7 +69,7 @@ class Teleop:
         self.now_ns = self.entered_ns = self.last_ns = self._paused_until_ns = 0
         self.passed_s = 0.0
         self._reported_ns = -REPORT_NS
-        self._asked: set[tuple[str, str]] = set()
+        self._asked: dict[str, str] = {}
         self._recovering = False
         """SETTING_ARMS_STATE because an arm was lost, not by command."""
         self.was_refused = False
@@ -252,9 +254,9 @@ class Teleop:
     def _request_home(self, missing: Iterable[TeleopArm]) -> None:
         """Enable arms, then home them; an arm in FAULT is not disabled first, because teleoperations send no stops."""
         for arm in missing:
-            word = "home" if arm.is_enabled else "enable"
-            if (arm.name, word) not in self._asked and arm.send("state_command", (), word):
-                self._asked.add((arm.name, word))
+            word = next_word(HOME, self._asked.get(arm.name, ""), "ENABLED" if arm.is_enabled else "DISABLED")
+            if word and arm.send("state_command", (), word):
+                self._asked[arm.name] = word
         wanted = ", ".join(f"{arm.name} is {arm.reported}" for arm in missing)
         self.reason = f"waiting: {wanted}; must be ENABLED and homed"
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import select
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from numpy.typing import NDArray
 
@@ -36,7 +36,13 @@ from trocar.shm.time.clock import monotonic_ns
 
 BEAT_NS: Final = 50_000_000
 SIMULATED_NS: Final = 2_000_000  # interval of reading the simulated time
+NOT_YOURS: Final = "every trocar.Process has an attribute of this name; choose another one"
 READ, WRITE, EXCEPT = select.POLLIN, select.POLLOUT, select.POLLPRI
+
+
+TO_OVERRIDE: Final = frozenset((
+    "setup", "update", "main", "quit", "guard", "property_changed", "check_commands",
+    "error", "request", "held_up_s", "carries_out", "_acting"))  # these five are set while it runs
 
 
 class Watchable(Protocol):
@@ -83,6 +89,25 @@ class UserLoop(Loop):
         """The sockets of its `listen`, non-blocking: `watch` them, and accept."""
         self.held_up_s = 0.0
         """Length of a stall before this period, s; otherwise 0."""
+        self._keep_names()
+
+    _kept = frozenset[str]()
+
+    def _keep_names(self) -> None:
+        """From now on, an error for a program's attribute that would replace one of ours, e.g. `node`."""
+        kept = {*vars(self), *dir(UserLoop)} - TO_OVERRIDE
+        for each in type(self).__mro__:
+            for name in vars(each).keys() & kept:
+                if not (name.startswith("__") or f"{each.__module__}.".startswith(("trocar.", "builtins."))):
+                    raise ValueError(f"{each.__name__}.{name}: {NOT_YOURS}")
+        self._kept = frozenset(kept)
+
+    if not TYPE_CHECKING:
+
+        def __setattr__(self, name: str, value: object) -> None:
+            if name in self._kept:
+                raise AttributeError(f"self.{name}: {NOT_YOURS}")
+            object.__setattr__(self, name, value)
 
     # to override
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tests.command_rows import row_named
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.mailbox.origins import Origin, SenderId
 from trocar.shm.memory.holders import NAMELESS, Holder

@@ -8,7 +8,8 @@ import pytest
 from tests.arm.arm_configs import bare_arm, fixed_arm
 from tests.arm.fake_io import ArmHarness
 from trocar.procs.arm.readings import contiguous_view
-from trocar.procs.tables.codes import AMPLIFIER, POWER_TIMEOUT, Code
+from trocar.procs.tables.code_row import Code
+from trocar.procs.tables.codes import AMPLIFIER, POWER_TIMEOUT
 
 
 def sub_states(harness: ArmHarness) -> list[str]:

@@ -17,8 +17,9 @@ import pydantic
 
 from trocar.procs.config import models
 from trocar.procs.config.models.io_file import IoFile
+from trocar.procs.config.read.sections import SafetySection, Section
 from trocar.procs.config.read.source import SourceFile
-from trocar.procs.config.read.validate import SafetySection, Section, validate
+from trocar.procs.config.read.validate import validate
 from trocar.procs.document.system import DigitalOutput
 
 KEYS = Path(__file__).with_name("keys.txt")

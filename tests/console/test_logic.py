@@ -11,7 +11,7 @@ from tests.guarded import objection
 from trocar.procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
 from trocar.procs.console.selection import ECM, PSM, Selectable, at_load, tapped
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 
 RIGHT = Selectable("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1"))

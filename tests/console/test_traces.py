@@ -17,7 +17,7 @@ from trocar.procs.console.console_commands import ConsoleCommands
 from trocar.procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
 from trocar.procs.console.selection import ECM, PSM, Selectable, conflicts
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 
 FOLDER = Path(__file__).parent / "traces"

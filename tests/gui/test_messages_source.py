@@ -9,7 +9,7 @@ from tests.tools.robot import robot
 from trocar.procs.document.system import from_json
 from trocar.procs.gui.messages_source import KEPT, LOOK_NS, MessagesSource
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 from trocar.shm.system import directory
 from trocar.shm.system.events import Events
 from trocar.shm.time.clock import monotonic_ns

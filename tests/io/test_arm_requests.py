@@ -8,6 +8,7 @@ from tests.guarded import UNAUTHORIZED, FakeCell
 from tests.io.fault_rows import braked
 from tests.io.harness import FakeCommand, IoHarness
 from trocar.procs.tables import codes
+from trocar.procs.tables.code_row import NOTHING, Code
 from trocar.procs.tables.desired_state import OFF, ON
 from trocar.shm.mailbox.origins import Origin
 
@@ -81,9 +82,9 @@ def test_a_desired_state_comes_true_as_soon_as_it_can() -> None:
     assert harness.record.pid_enabled[0] and not refusal(harness)
 
 
-@pytest.mark.parametrize("fault", [fault for fault in codes.FAULTS if fault.action != codes.NOTHING],
+@pytest.mark.parametrize("fault", [fault for fault in codes.FAULTS if fault.action != NOTHING],
                          ids=lambda fault: fault.code)
-def test_after_every_fault_the_same_desired_state_gives_nothing_back(fault: codes.Code) -> None:
+def test_after_every_fault_the_same_desired_state_gives_nothing_back(fault: Code) -> None:
     harness = held(IoHarness())
     harness.core.reports.trip(fault, 0)
     harness.run(1)

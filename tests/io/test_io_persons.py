@@ -7,6 +7,7 @@ import pytest
 from tests.guarded import FakeCell
 from tests.io.harness import FakeCommand, IoHarness
 from trocar.procs.tables import codes
+from trocar.procs.tables.code_row import Code
 from trocar.shm.mailbox.origins import Origin
 
 
@@ -37,7 +38,7 @@ def test_a_fault_with_power_on_voids_what_was_asked_for_before() -> None:
 
 
 @pytest.mark.parametrize("code", [codes.POWER_TIMEOUT, codes.AMPLIFIER])
-def test_power_that_does_not_come_is_requested_again_only_by_a_later_command(code: codes.Code) -> None:
+def test_power_that_does_not_come_is_requested_again_only_by_a_later_command(code: Code) -> None:
     made, cell = harness()
     asked(made, "power_on", 0)
     made.core.reports.trip(code, 0)

@@ -1,7 +1,8 @@
 import re
 
 from trocar.procs.node.fault_report import fault_of, figures
-from trocar.procs.tables.codes import FAULTS, NOTHING, WARNING
+from trocar.procs.tables.code_row import NOTHING, WARNING
+from trocar.procs.tables.codes import FAULTS
 
 
 def test_numbers_and_codes_are_unique() -> None:

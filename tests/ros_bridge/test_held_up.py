@@ -23,7 +23,9 @@ class StoppedBridge:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_ns, self.done, self.left_out, self.told, self.looks = 0, [], [], 0, 0
         self.pauses: dict[str, int] = {}
-        monkeypatch.setattr(loop, "boottime_ns", lambda: self.now_ns)
+        self.stalls: dict[int, int] = {}
+        self.readings = 0  # of the clock; `stalls` are just before one of them
+        monkeypatch.setattr(loop, "boottime_ns", self._read_clock)
         made: Any = RosLoop.__new__(RosLoop)
         quiet = SimpleNamespace(take=lambda now_ns: None, hear=lambda: None)
         made.participant = SimpleNamespace(wait=lambda timeout_ns: self._spend("wait", True))
@@ -33,6 +35,11 @@ class StoppedBridge:
         made.node = SimpleNamespace(late_s=LATE_S, row=SimpleNamespace(period_s=0.005),
                                    events=SimpleNamespace(report=self._report))
         self._loop = made
+
+    def _read_clock(self) -> int:
+        self.readings += 1
+        self.now_ns += self.stalls.pop(self.readings, 0)
+        return self.now_ns
 
     def _report(self, *args: object, **more: object) -> None:
         self.told += 1
@@ -96,4 +103,13 @@ def test_until_all_is_brought_what_comes_counts_as_sent_before_the_silence(bridg
 def test_what_was_taken_before_a_silence_is_not_carried_out_after_it(bridge: StoppedBridge) -> None:
     bridge.pauses[GOAL] = round(2e9 * LATE_S)
     assert bridge.turn() == [GOAL]
+    assert bridge.told == 1
+
+
+@pytest.mark.parametrize("reading", range(1, 6))
+def test_a_stall_before_any_reading_of_the_clock_is_seen(bridge: StoppedBridge, reading: int) -> None:
+    bridge.stalls[bridge.readings + reading] = round(2e9 * LATE_S)
+    bridge.turn()
+    assert not bridge.stalls
+    bridge.turn()
     assert bridge.told == 1

@@ -15,7 +15,7 @@ from trocar.procs.node.inputs import SETUP_LATE_S, Input
 from trocar.procs.suj.frames import CarriedTip
 from trocar.procs.suj.joints import SetupContext, SetupJoints
 from trocar.procs.suj.setups import Setups
-from trocar.procs.tables.codes import ERROR, Code
+from trocar.procs.tables.code_row import ERROR, Code
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.system.events import SEVERITIES
 from trocar.shm.topics import ARM_STATE, SUJ_SETPOINT, SUJ_STATE, Topic

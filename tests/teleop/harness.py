@@ -15,7 +15,7 @@ from trocar.procs.document.consoles import TeleopEcmConfig as EcmSettings
 from trocar.procs.document.consoles import TeleopPsmConfig as PsmSettings
 from trocar.procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix
 from trocar.procs.node.inputs import Input
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 from trocar.procs.teleop.arms import BaseFrame, Operator, TeleopArm
 from trocar.procs.teleop.ecm import TeleopEcm
 from trocar.procs.teleop.psm import TeleopPsm

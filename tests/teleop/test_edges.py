@@ -168,6 +168,18 @@ def test_arms_are_asked_once_each_time_they_are_needed() -> None:
         harness.run(0.01)
 
 
+def test_an_arm_that_loses_its_power_while_it_homes_is_not_powered_again() -> None:
+    harness = TeleopHarness()
+    harness.slave.obeys = False
+    harness.slave.ring.set(sub_state=b"ENABLED", is_homed=False)
+    harness.state_command("enable")
+    harness.run(0.02)
+    assert harness.slave.words().count("home") == 1
+    harness.slave.ring.set(state=b"DISABLED", sub_state=b"DISABLED")
+    harness.run(0.02)
+    assert "enable" not in harness.slave.words()
+
+
 @pytest.mark.parametrize(("which", "pushed"), [("MTML", "MTMR"), ("MTMR", "MTML")])
 def test_only_masters_that_forces_move_are_pushed(which: str, pushed: str) -> None:
     harness = EcmHarness().follow()

@@ -11,13 +11,14 @@ import pytest
 from tests.test_pages import wrong_in
 from trocar.procs.config.models.trocar_section import ProcessKeys, TrocarSection
 from trocar.procs.tables import codes
+from trocar.procs.tables.code_row import Code
 from trocar.procs.tables.codes import CODES, FAULTS
 from trocar.procs.tables.manifest import PROCS
 from trocar.tools.pages import errors as errors_page
 from trocar.tools.pages.generated import keep
 
 ROOT = errors_page.PAGE.parent.parent
-NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
+NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, Code)}
 # Who tells what is not named in the folder of a kind.
 ELSEWHERE = {"fault_report.py": "arm, suj", "io_faults.py": "arm, suj", "filters.py": "filters", "node": "any",
              "client": "third_party", "from_ros": "third_party"}

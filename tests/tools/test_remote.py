@@ -11,6 +11,7 @@ import pytest
 
 from tests.tools.robot import ScriptedRobot
 from tests.tools.test_verbs import kinematic as kinematic  # a fixture
+from trocar.shm.mailbox.client import Reply
 from trocar.shm.time.control_page import ControlPage
 from trocar.tools.client.remote import Remote
 from trocar.tools.output.errors import Problem
@@ -88,3 +89,29 @@ def test_without_a_working_supervisor_no_process_is_said_to_start_by_command(kin
     kinematic.pages["supervisor"].field("heartbeat_ns")[...] = time.monotonic_ns() - 5_000_000_000
     with Remote(kinematic.name, "PSM1") as remote, pytest.raises(Problem, match="supervisor is stalled: trocar down"):
         remote.wait_until_it_runs()
+
+
+def test_later_answers_are_put_back_under_the_lock_of_all_threads(
+        kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Remote(kinematic.name, "PSM1") as remote:
+        accepted, done = Reply(1, "accepted", ""), Reply(1, "done", "")
+
+        class WatchedInbox(list[Reply]):
+            """An inbox that another thread wants to replace while answers are put back into it."""
+
+            def __setitem__(self, *_: object) -> None:
+                taking = threading.Thread(target=lambda: found.extend(remote.poll()), daemon=True)
+                taking.start()
+                taking.join(PATIENCE_S)
+                assert taking.is_alive(), "a thread that replaces it now loses them"
+                list.__setitem__(self, *_)  # type: ignore[arg-type]
+                takers.append(taking)
+
+        found: list[Reply] = []
+        takers: list[threading.Thread] = []
+        remote.inbox = WatchedInbox()
+        monkeypatch.setattr(remote, "replies_to", lambda number: [accepted, done])
+        monkeypatch.setattr(remote, "post", lambda *_: 1)
+        assert remote.answered("hold") is accepted
+        takers[0].join()
+        assert found == [done]

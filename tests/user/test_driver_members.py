@@ -221,3 +221,13 @@ def test_its_topics_are_wanted_one_by_one(make: Make) -> None:
     mine, other = make(), make(name="other")
     mine.subscribe("other/properties")
     assert other.is_wanted("properties") and not other.is_wanted("wrench")
+
+
+@pytest.mark.parametrize("name", ["node", "time", "log", "rest_periods", "status", "_files"])
+def test_a_program_cannot_replace_an_attribute_of_every_process(make: Make, name: str) -> None:
+    mine = make()
+    with pytest.raises(AttributeError, match=f"self.{name}: every trocar.Process has an attribute of this name"):
+        setattr(mine, name, None)
+    mine.run()
+    with pytest.raises(ValueError, match=f"Taken.{name}: every trocar.Process has an attribute of this name"):
+        make(type("Taken", (Mine,), {name: None, "__module__": "box"}), "other")

@@ -16,7 +16,7 @@ from tests.whole.test_bring_up import FakeArm
 from trocar.procs.system.message_hub import BEEP_NS, MessageHub, MessageSource
 from trocar.procs.system.sound import GIVE_UP_NS, NO_PLAYER, Sound, tone
 from trocar.procs.system.system_commands import SystemCommands
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.system.events import SEVERITIES
 from trocar.shm.topics import EVENTS

@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from trocar.procs.fpga import wire
+from trocar.procs.host.loops import HostedBoards
 from trocar.procs.native.library import native
 from trocar.tools.bench.children import Figure, Percentiles, Report, Turns
 from trocar.tools.bench.host_run import PSMS, HostRun
@@ -63,7 +64,9 @@ class TimedBoards:
     def __init__(self, run: HostRun) -> None:
         """From now on the calls of its boards take the time of reading the clock longer."""
         self._run = run
-        world: Any = run.host.loops["boards"].world  # type: ignore[attr-defined]  # of HostedBoards
+        boards = run.host.loops["boards"]
+        assert isinstance(boards, HostedBoards)
+        world = boards.world
         self._used = dict.fromkeys((*PARTS.values(), "physics", "record"), 0)
         self._inner = self._count = 0
         self._windows: dict[str, list[int]] = {}
@@ -78,8 +81,8 @@ class TimedBoards:
                 self._close_cycle()
             return answers.get(tcode, other)(bus, data, *where)
 
-        world.answer = answer
-        world.step = self._timed("physics", world.step)
+        world.answer = answer  # type: ignore[method-assign, assignment]  # timed
+        world.step = self._timed("physics", world.step)  # type: ignore[method-assign]  # timed
         world.on_step = self._timed("record", world.on_step)
 
     def _timed(self, part: str, what: Callable[..., Any]) -> Callable[..., Any]:

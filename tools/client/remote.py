@@ -113,7 +113,8 @@ class Remote(Client, Closable):
             for i, reply in enumerate(replies):
                 last = reply
                 if not wanted or reply.outcome in wanted:
-                    self.inbox[:0] = replies[i + 1 :]
+                    with self._place.lock:  # another thread may take answers from this handle
+                        self.inbox[:0] = replies[i + 1 :]
                     return reply
             if not is_over:
                 self._check_supervisor()

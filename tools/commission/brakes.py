@@ -71,9 +71,7 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
                 finally:
                     bench.disable(subject)
         outcome.figures[subject.name] = figures
-    for source, values_of in changes.items():
-        io_file.save_and_report(bench, outcome, source, values_of, folder, write=write)
-    return outcome
+    return io_file.save_all(bench, outcome, changes, folder, write=write)
 
 
 def _at(bench: RunningBench, subject: Subject, axis: int) -> Callable[[float], bool]:

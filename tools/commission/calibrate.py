@@ -45,7 +45,7 @@ class FittedLine:
 def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     """Calibrate each robot in turn; changed files are written at the end, if no problem occurred."""
     outcome = Outcome()
-    changes: dict[str, dict[str, dict[int, FittedLine]]] = {}
+    changes: dict[str, dict[str, dict[io_file.Place, float]]] = {}
     for subject in bench.subjects:
         if subject.robot.potentiometers != "ANALOG":
             outcome.notes.append(f"{subject.name}: its potentiometers are {subject.robot.potentiometers}, nothing to "
@@ -55,16 +55,13 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
         if outcome.problems:
             return outcome
         if lines:
-            changes.setdefault(subject.robot.source, {})[subject.name] = lines
+            changes.setdefault(subject.robot.source, {})[subject.name] = {
+                place: value for axis, line in lines.items()
+                for place, value in io_file.line_of(axis, line.scale, line.offset).items()}
             outcome.figures[subject.name] = {
                 subject.names[axis]: {"scale": line.scale, "offset": line.offset, "was": list(_old(subject, axis))}
                 for axis, line in lines.items()}
-    for source, robots in changes.items():
-        values: io_file.Values = {name: {place: value for axis, line in lines.items()
-                         for place, value in io_file.line_of(axis, line.scale, line.offset).items()}
-                  for name, lines in robots.items()}
-        io_file.save_and_report(bench, outcome, source, values, folder, write=write)
-    return outcome
+    return io_file.save_all(bench, outcome, changes, folder, write=write)
 
 
 def _old(subject: Subject, axis: int) -> tuple[float, float]:

@@ -48,9 +48,7 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
         measured, at_zero = mean_of(off, subject), mean_of(on, subject)
         changes.setdefault(subject.robot.source, {})[subject.name] = offsets(subject, measured, at_zero)
         outcome.figures[subject.name] = {"measured_a": measured.tolist(), "command_a": (at_zero - measured).tolist()}
-    for source, values in changes.items():
-        io_file.save_and_report(bench, outcome, source, values, folder, write=write)
-    return outcome
+    return io_file.save_all(bench, outcome, changes, folder, write=write)
 
 
 def _measured(bench: RunningBench, subject: Subject) -> tuple[Window, Window]:

@@ -53,9 +53,7 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
         changes.setdefault(subject.robot.source, {})[subject.name] = io_file.line_of(INSERTION, line.scale,
                                                                                      line.offset + change)
         outcome.figures[subject.name] = {"depth": depth, "measured": at[:, 0].tolist(), "change": change}
-    for source, values in changes.items():
-        io_file.save_and_report(bench, outcome, source, values, folder, write=write)
-    return outcome
+    return io_file.save_all(bench, outcome, changes, folder, write=write)
 
 
 def depth_of(arm: ArmConfig) -> float:

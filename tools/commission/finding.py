@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 
@@ -27,6 +28,7 @@ class Outcome:
     problems: list[Finding] = field(default_factory=list)
     figures: dict[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)  # those that it has written
 
     def add(self, found: list[Finding]) -> bool:
         """Note problems; whether there are any."""

@@ -31,10 +31,11 @@ OF_EMULATED: Final = "has values of the emulated robot, for this rehearsal; your
 
 @dataclass(slots=True)
 class SavedIoFile:
-    """The written file, the changed lines, further remarks."""
+    """The written file, the changed lines, all files made, further remarks."""
 
     path: Path
     diff: str
+    files: list[Path]
     notes: list[str] = field(default_factory=list)
 
 
@@ -54,20 +55,24 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     old, new = to_json(read.data), to_json(data)
     path = source if write else folder / f"{source.stem}-{REHEARSED if rehearsed else 'calibrated'}.json"
     diff = "".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), str(source), str(path), n=0))
-    saved = SavedIoFile(path, diff)
+    saved = SavedIoFile(path, diff, [path])
     if (kept := put(path, new, lambda fresh: _check(path, fresh, source.parent))) is not None:
+        saved.files.append(kept)
         saved.notes.append(f"{path} was there; it is {kept} now")
     use = "" if write else f"; use it in place of {source.name} (IO_file of the system file)"
     saved.notes.append(f"{path} {OF_EMULATED}" if rehearsed else f"{path} has the calibrated values{use}")
     return saved
 
 
-def save_and_report(bench: RunningBench, outcome: Outcome, source: str, values: Values, folder: Path, *,
-                    write: bool) -> None:
-    """`save`, and show the person the changed lines."""
-    saved = save(Path(source), values, folder, write=write, rehearsed=bench.document.emulation is not None)
-    bench.person.report(saved.diff or f"{source}: nothing changes")
-    outcome.notes += saved.notes
+def save_all(bench: RunningBench, outcome: Outcome, changes: Mapping[str, Values], folder: Path, *,
+             write: bool) -> Outcome:
+    """`save` the values of each IO file, and show the person the changed lines; returns the outcome."""
+    for source, values in changes.items():
+        saved = save(Path(source), values, folder, write=write, rehearsed=bench.document.emulation is not None)
+        bench.person.report(saved.diff or f"{source}: nothing changes")
+        outcome.notes += saved.notes
+        outcome.files += saved.files
+    return outcome
 
 
 def save_new(bench: RunningBench, outcome: Outcome, path: Path, content: Mapping[str, Any], what: str,
@@ -79,6 +84,7 @@ def save_new(bench: RunningBench, outcome: Outcome, path: Path, content: Mapping
     rehearsed = bench.document.emulation is not None
     path = path.with_stem(f"{path.stem}-{REHEARSED}") if rehearsed else path
     kept = put(path, json.dumps(content), lambda fresh: _check(path, fresh, beside.parent))
+    outcome.files += [path, kept] if kept else [path]
     note = f"{path} is {what}"
     if rehearsed:
         note = f"{path} {OF_EMULATED}"

@@ -36,6 +36,7 @@ class Try:
     problems: tuple[str, ...]
     notes: tuple[str, ...]
     figures: dict[str, Any]
+    made: tuple[str, ...] = ()  # files that it has written, relative to the report
 
 
 class CommissionReport:
@@ -51,7 +52,7 @@ class CommissionReport:
                 rows = content["tries"] if content["format"] == FORMAT else None
                 if rows is None:
                     raise ValueError(f"format {content['format']}")
-                self.tries = [Try(**{**row, "problems": tuple(row["problems"]), "notes": tuple(row["notes"])})
+                self.tries = [Try(**{**row, **{key: tuple(row.get(key, ())) for key in ("problems", "notes", "made")}})
                               for row in rows]
                 known = str(content["system"])
             except (OSError, ValueError, LookupError, TypeError) as error:
@@ -73,10 +74,16 @@ class CommissionReport:
         """Add a run, and save the report."""
         row = Try(stage, not outcome.problems, datetime.now().astimezone().isoformat(timespec="seconds"),
                   round(seconds, 1), getpass.getuser(), boards, files, tuple(map(str, outcome.problems)),
-                  tuple(outcome.notes), plain(outcome.figures))
+                  tuple(outcome.notes), plain(outcome.figures),
+                  tuple(os.path.relpath(file, self.path.parent) for file in outcome.files))
         self.tries.append(row)
         self._save()
         return row
+
+    @property
+    def made(self) -> list[Path]:
+        """The files that all runs have written."""
+        return [self.path.parent / file for row in self.tries for file in row.made]
 
     def require_writable(self) -> None:
         """Problem if the report could not be saved; changes nothing."""

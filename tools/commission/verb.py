@@ -32,15 +32,13 @@ from trocar.tools.systems.find import supervisor_of, system_file, unknown
 from trocar.tools.systems.processes import commissioning
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 from trocar.tools.verbs.options import JsonOption, PathOption
-from trocar.tools.verbs.report import pack
+from trocar.tools.verbs.report import RECORDINGS_MB, pack
 
 NAME: Final = "commission"
 EASY: Final = ("io.period_s=0.002", "arm.period_s=0.002")  # on emulated boards, which share this machine's cores
 CALIBRATING: Final = "calibration_mode=true"
 EASY_LATE: Final = "late_s=0.5"
 HELD: Final = "friction=10"  # a simulated person only sets positions; released, the arm must not sink in between
-MADE: Final = ("*-calibrated.json", "*-rehearsed.json", "gc-*.json", "*PotentiometerLookupTable.json", "*.json.bak*")
-RECORDINGS_MB: Final = 200.0
 REHEARSALS: Final = 4  # of a stage in real time, while it stops
 
 
@@ -110,7 +108,7 @@ def commission(
     book = CommissionReport(report or Path(f"commission-{file.stem}.json"), file.name)
     files = fingerprint(document) + "".join(f" {name}" for name in sorted(job.arms))
     if pack_into is not None:
-        return pack(system, pack_into, RECORDINGS_MB, as_json, _files(file, document, book.path))
+        return pack(system, pack_into, RECORDINGS_MB, as_json, _files(file, document, book))
     if listed:
         return _list(book, job.boards, files, as_json)
     book.require_writable()
@@ -136,13 +134,12 @@ def _check(job: Job, yes: bool) -> None:
         raise Misuse("--yes is for emulated boards: on a real robot the operator confirms what powers or moves")
 
 
-def _files(file: Path, document: SystemConfig, report: Path) -> list[Path]:
-    """The report, the files of the system, and those that stages have written beside the report."""
+def _files(file: Path, document: SystemConfig, book: CommissionReport) -> list[Path]:
+    """The report, the files of the system, and those that stages have written."""
     sources = [Path(robot.source) for io in document.ios for robot in io.robots]
     sources += [Path(arm.source) for arm in document.arms]
-    made = [path for pattern in MADE for path in sorted(report.parent.glob(pattern))]
-    each = {path.resolve(): path for path in (report, file, *sources, *made) if path.is_file()}
-    return list({path.name: path for path in each.values()}.values())
+    each = {path.resolve(): path for path in (book.path, file, *sources, *book.made) if path.is_file()}
+    return list(each.values())
 
 
 def _refuse_second(system: str) -> None:

@@ -6,8 +6,8 @@ import sys
 from typing import Final
 
 from trocar.procs.machine.paths import ROOT
-from trocar.procs.tables import codes
-from trocar.procs.tables.codes import CODES, FAULTS, Code
+from trocar.procs.tables.code_row import CUT, NOTHING, POWER_OFF, STOP, Code
+from trocar.procs.tables.codes import CODES, FAULTS
 from trocar.shm.system.events import SEVERITIES
 from trocar.tools.pages.generated import keep
 
@@ -33,10 +33,10 @@ the joint controller cannot be switched on.
 |---|---|---|
 """
 ACTIONS: Final = {
-    codes.NOTHING: "reports, and continues",
-    codes.STOP: "joint controller off, zero current, brakes hold",
-    codes.POWER_OFF: "joint controller, amplifiers and motor power off, brakes hold",
-    codes.CUT: "joint controller, amplifiers and motor power off, brakes hold, safety relays open",
+    NOTHING: "reports, and continues",
+    STOP: "joint controller off, zero current, brakes hold",
+    POWER_OFF: "joint controller, amplifiers and motor power off, brakes hold",
+    CUT: "joint controller, amplifiers and motor power off, brakes hold, safety relays open",
 }
 
 

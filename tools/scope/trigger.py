@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.crtk.field_paths import FieldCells
-from trocar.procs.tables.codes import ERROR, FAULTS
+from trocar.procs.tables.code_row import ERROR
+from trocar.procs.tables.codes import FAULTS
 from trocar.shm.system.events import SEVERITIES
 from trocar.tools.inspect.enumerations import words_of
 from trocar.tools.output.errors import Misuse

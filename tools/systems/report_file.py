@@ -116,8 +116,8 @@ def report(system: str, file: Path, most: int, say: Say, also: Sequence[Path] = 
             made.problems.append("no configuration: nothing of the system is in memory, and no recording has it")
         if parts_of(system):
             made.json("status.json", [dataclasses.asdict(row) for row in statuses(system)])
-        for path in also:
-            made.text(f"files/{path.name}", path.read_bytes())
+        for path, name in _distinct(also):
+            made.text(f"files/{name}", path.read_bytes())
         _add_logs(made, say)
         _add_recordings(made, file, most, say)
         made.text("CONTENTS.txt", _contents(made).encode())
@@ -128,6 +128,14 @@ def report(system: str, file: Path, most: int, say: Say, also: Sequence[Path] = 
         file.unlink(missing_ok=True)
         raise
     return Reported(made.files, tuple(made.problems))
+
+
+def _distinct(files: Sequence[Path]) -> Iterator[tuple[Path, str]]:
+    """Files with names of their own: with as many of their folders as those of the same name need."""
+    ends = [path.absolute().parts for path in files]
+    for path, parts in zip(files, ends, strict=True):
+        yield path, next("/".join(parts[-count:]).strip("/") for count in range(1, len(parts) + 1)
+                         if [end[-count:] for end in ends].count(parts[-count:]) == 1)
 
 
 def _contents(made: Report) -> str:

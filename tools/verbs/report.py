@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -14,12 +14,14 @@ from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import answer, note, progress
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
+RECORDINGS_MB: Final = 200.0
+
 
 def report(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A new .tar.gz file; default: here, named by "
                                                 "system and time.")] = None,
     recordings: Annotated[float, typer.Option("--recordings", min=0.0, metavar="MB", help="Maximum size of all "
-                                              "recordings, newest first.")] = 200.0,
+                                              "recordings, newest first.")] = RECORDINGS_MB,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

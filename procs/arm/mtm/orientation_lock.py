@@ -19,8 +19,9 @@ from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.kinematics.inverse.master import Master
 from trocar.procs.kinematics.poses import Array, given_pose
 from trocar.procs.kinematics.trajectory import Trajectory
-from trocar.procs.node.requests import CommandRefused, Request
+from trocar.procs.node.requests import CommandRefused
 from trocar.procs.tables import codes
+from trocar.shm.mailbox.received import Request
 
 WRIST: Final = 3  # the first joint that follows
 ROLL: Final = 6

@@ -23,8 +23,9 @@ from trocar.procs.document.catalogue import full_name
 from trocar.procs.document.system import ArmConfig, Tool
 from trocar.procs.kinematics.coupling import coupling
 from trocar.procs.kinematics.poses import Array
-from trocar.procs.node.requests import CommandRefused, Request, switch
+from trocar.procs.node.requests import CommandRefused, switch
 from trocar.procs.tables import codes
+from trocar.shm.mailbox.received import Request
 
 INSERTION: Final = 2
 ADAPTER_SWING: Final = math.radians(171.0)

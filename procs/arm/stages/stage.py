@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from trocar.procs.arm.control import Control
 from trocar.procs.node.fault_report import FaultReport
-from trocar.procs.tables.codes import Code
+from trocar.procs.tables.code_row import Code
 
 if TYPE_CHECKING:
     from trocar.procs.arm.arm import ArmLogic

@@ -347,7 +347,7 @@ def _check_drivable(robot: Opened[RobotKeys]) -> None:
     for part in robot.each("actuators", robot.content.actuators):
         if part.content.encoder is None:
             part.error("encoder", "this key is required for an arm that moves", "an object")
-        if part.content.drive.maximum_current == 0.0:
+        if part.content.maximum_current == 0.0:
             part.warning("drive.maximum_current", "0 A is used: the motor of this axis produces no torque", "above 0.0")
-        if part.content.drive.effort_to_current.scale == 0.0:
+        if part.content.effort_to_current == 0.0:
             part.error("drive.effort_to_current.scale", "must not be 0 for an arm that moves", "A per N·m or N")

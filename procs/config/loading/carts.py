@@ -23,7 +23,7 @@ from trocar.procs.config.models.system_file import ArmKeys, SystemFile
 from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.problem import count
 from trocar.procs.config.read.quantities import check_rigid
-from trocar.procs.config.read.validate import Section
+from trocar.procs.config.read.sections import Section
 from trocar.procs.document import cart
 from trocar.procs.document import system as document
 from trocar.procs.fpga import registers

@@ -152,16 +152,14 @@ def dh_chain(part: Opened[DhKeys]) -> document.Chain | None:
         part.error("", "exactly one list of rows must be given", "either joints or links")
         return None
     fine, of_all = True, keys.convention or rows[0].convention or ""
-    for link in part.each(kind, rows):
-        row = link.content
-        if (row.convention or keys.convention) != of_all or not of_all:
-            link.error("convention", "one convention must hold for all rows", "standard or modified")
-            fine = False
-        if row.lower > row.upper:
-            link.error("qmin", "above qmax", f"at most {row.upper}")
-            fine = False
     made = convert.links(keys)
     for link, values in zip(part.each(kind, rows), made, strict=True):
+        if (link.content.convention or keys.convention) != of_all or not of_all:
+            link.error("convention", "one convention must hold for all rows", "standard or modified")
+            fine = False
+        if values.lower > values.upper:
+            link.error("qmin", "above qmax", f"at most {values.upper}")
+            fine = False
         for name, value, joint_type in (("alpha", values.alpha, REVOLUTE), ("A", values.a, PRISMATIC),
                                         ("theta", values.theta, REVOLUTE), ("D", values.d, PRISMATIC),
                                         ("offset", values.offset, values.joint_type)):

@@ -24,7 +24,7 @@ from trocar.procs.config.models.system_file import (
     TeleopPsmKeys,
     TeleopPsmParameters,
 )
-from trocar.procs.config.read.validate import is_name
+from trocar.procs.config.read.sections import is_name
 from trocar.procs.document.arms import ThirdParty
 from trocar.procs.document.cart import Cart
 from trocar.procs.document.consoles import (

@@ -18,7 +18,7 @@ from trocar.procs.config.models.trocar_section import (
     QuirkKeys,
 )
 from trocar.procs.config.read.problem import KeyPath
-from trocar.procs.config.read.validate import Section
+from trocar.procs.config.read.sections import Section
 from trocar.procs.document import system as document
 from trocar.procs.document.emulated import MADE_FOR
 from trocar.procs.fpga import blocks, registers

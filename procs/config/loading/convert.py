@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from trocar.procs.config.loading.context import Opened
-from trocar.procs.config.models.io_file import ActuatorKeys, RobotKeys
+from trocar.procs.config.models.io_file import RobotKeys
 from trocar.procs.config.models.kinematic_file import DhKeys, LinkKeys
-from trocar.procs.config.read.validate import Section
+from trocar.procs.config.read.sections import Section
 from trocar.procs.document import system as document
 from trocar.procs.document.cart import SETUP_BRAKE
 from trocar.procs.document.decoding import hints_of
@@ -54,18 +54,10 @@ def robot(part: Opened[RobotKeys], lookup: str = "") -> document.Robot:
     """One robot of an IO file; `lookup`: the table of its potentiometers, if they need one."""
     keys, pots = part.content, part.content.potentiometers
     return by_name(
-        document.Robot, keys, actuators=tuple(map(_actuator, keys.actuators)),
-        brakes=tuple(by_name(document.Brake, brake, brake.drive) for brake in keys.brakes),
+        document.Robot, keys,
         potentiometers=pots.potentiometers_type if pots else "UNDEFINED", tolerances=pots.tolerances if pots else (),
         joint_to_actuator_position=pots.coupling.JointToActuatorPosition if pots and pots.coupling else None,
         lookup=lookup, source=str(part.source.path))
-
-
-def _actuator(keys: ActuatorKeys) -> document.Actuator:
-    encoder = keys.encoder
-    return by_name(
-        document.Actuator, keys, keys.drive, effort_to_current=keys.drive.effort_to_current.scale,
-        encoder=by_name(document.Encoder, encoder, encoder.position_limits_soft) if encoder else None)
 
 
 def digital_output(row: document.DigitalOutput, robots: Collection[str]) -> document.DigitalOutput:

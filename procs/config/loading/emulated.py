@@ -22,7 +22,7 @@ from trocar.procs.config.models.arm_file import PLUGS, SetupArmKeys, SetupFile
 from trocar.procs.config.models.io_file import IoFile, RobotKeys
 from trocar.procs.config.models.system_file import PROTOCOLS
 from trocar.procs.config.models.trocar_section import EVERYWHERE, RAW, EmulatedBusKeys
-from trocar.procs.config.read.validate import is_name
+from trocar.procs.config.read.sections import is_name
 from trocar.procs.document import emulated
 from trocar.procs.document import system as document
 from trocar.procs.document.cart import LIFT_OUTPUTS, MULTIPLEXER_OUTPUTS

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from trocar.procs.config.loading.context import Opened
-from trocar.procs.config.models.io_file import ActuatorKeys, BrakeKeys, DriveKeys, IoFile, RobotKeys
+from trocar.procs.config.models.io_file import IoFile, RobotKeys
 from trocar.procs.config.read.quantities import check_range, check_tolerance
-from trocar.procs.document.system import DigitalInput, DigitalOutput, InstrumentReader
+from trocar.procs.document.system import Actuator, Brake, DigitalInput, DigitalOutput, InstrumentReader
 from trocar.procs.fpga.conversion import are_nominal
 
 IoOpened = Opened[IoFile]
@@ -29,7 +29,7 @@ def check_io_file(opened: IoOpened) -> None:
         _check_calibration(robot)
         _check_potentiometers(robot)
         for part in parts_of(robot):
-            _check_drive(part.at("drive", part.content.drive))
+            _check_drive(part)
         for actuator in robot.each("actuators", robot.content.actuators):
             _check_limits(actuator)
 
@@ -90,7 +90,7 @@ def robots_of(opened: IoOpened) -> Iterator[Robot]:
     return opened.each("robots", opened.content.robots)
 
 
-def parts_of(robot: Robot) -> Iterator[Opened[ActuatorKeys | BrakeKeys]]:
+def parts_of(robot: Robot) -> Iterator[Opened[Actuator | Brake]]:
     """All actuators and brakes of a robot."""
     yield from robot.each("actuators", robot.content.actuators)
     yield from robot.each("brakes", robot.content.brakes)
@@ -105,7 +105,7 @@ def _check_counts(robot: Robot) -> None:
         if stated != listed:
             robot.error(name, f"the list has {listed} entries", str(listed))
     for number, actuator in enumerate(robot.each("actuators", content.actuators)):
-        if actuator.content.actuator_id not in (None, number):
+        if actuator.source.at(actuator.path("actuator_id")) not in (None, number):
             actuator.warning("actuator_id", "actuators are used in their order, actuator_id is not consulted",
                              str(number))
 
@@ -126,7 +126,7 @@ def _check_calibration(robot: Robot) -> None:
     is_calibrating = robot.context.calibration_mode
     report = robot.warning if is_calibrating else robot.error
     mode = "" if is_calibrating else ", or calibration mode (trocar: {calibration_mode: true})"
-    if are_nominal([actuator.drive.current_to_bits.offset for actuator in content.actuators]):
+    if are_nominal([actuator.current_to_bits.offset for actuator in content.actuators]):
         text = f"robot {content.name} is not calibrated: its {len(content.actuators)} current offsets are all equal"
         report(("actuators", 0, "drive", "current_to_bits", "offset"), text,
                f"offsets measured by the current calibration{mode}")
@@ -155,42 +155,42 @@ def _check_potentiometers(robot: Robot) -> None:
         robot.error("potentiometers.coupling.JointToActuatorPosition", "wrong size", f"{count} rows of {count} numbers")
 
 
-def _check_drive(part: Opened[DriveKeys]) -> None:
+def _check_drive(part: Opened[Actuator | Brake]) -> None:
     """Check that the scales of command and measurement agree, above all in sign."""
     command = part.content.current_to_bits.scale
     product = command * part.content.bits_to_current.scale
     if not product > 0.0:
-        part.error("bits_to_current.scale", f"must have the sign of current_to_bits.scale ({command})")
+        part.error("drive.bits_to_current.scale", f"must have the sign of current_to_bits.scale ({command})")
     elif abs(product - 1.0) > _SCALE_TOLERANCE:
         text = f"is not the inverse of current_to_bits.scale (their product is {product:.3g})"
-        part.warning("bits_to_current.scale", text, f"about {1 / command:.6g}")
+        part.warning("drive.bits_to_current.scale", text, f"about {1 / command:.6g}")
     if part.content.maximum_current * abs(command) > _DAC:
-        part.warning("maximum_current", "more than the controller can command", f"at most {_DAC / abs(command):.3g} A")
+        part.warning("drive.maximum_current", "more than the controller can command",
+                     f"at most {_DAC / abs(command):.3g} A")
 
 
-def range_of(actuator: ActuatorKeys) -> float:
+def range_of(actuator: Actuator) -> float:
     """The range between the soft limits of an actuator; 0: unknown."""
-    limits = actuator.encoder.position_limits_soft if actuator.encoder is not None else None
-    return limits.upper - limits.lower if limits is not None else 0.0
+    encoder = actuator.encoder
+    return encoder.upper - encoder.lower if encoder is not None else 0.0
 
 
-def _check_limits(part: Opened[ActuatorKeys]) -> None:
+def _check_limits(part: Opened[Actuator]) -> None:
     actuator, encoder = part.content, part.content.encoder
     if encoder is None:
         return
-    limits = encoder.position_limits_soft
-    if limits.lower > limits.upper:
-        part.error("encoder.position_limits_soft.lower", "above the upper limit", f"at most {limits.upper}")
-    if limits.lower == limits.upper == 0.0 and actuator.drive.maximum_current > 0.0:
+    if encoder.lower > encoder.upper:
+        part.error("encoder.position_limits_soft.lower", "above the upper limit", f"at most {encoder.upper}")
+    if encoder.lower == encoder.upper == 0.0 and actuator.maximum_current > 0.0:
         part.warning("encoder.position_limits_soft", "0 to 0: has a motor but no range; the arm does not home",
                      "lower below upper")
-    check_range(part, "encoder.position_limits_soft.upper", limits.lower, limits.upper, actuator.joint_type)
+    check_range(part, "encoder.position_limits_soft.upper", encoder.lower, encoder.upper, actuator.joint_type)
     _check_full_scale(part)
     if encoder.bits_to_position.scale == 0.0:
         part.error("encoder.bits_to_position.scale", "must not be 0")
 
 
-def _check_full_scale(part: Opened[ActuatorKeys]) -> None:
+def _check_full_scale(part: Opened[Actuator]) -> None:
     """Check that a potentiometer measures about the range of its encoder's limits: both have the same unit."""
     pot, way = part.content.potentiometer, range_of(part.content)
     if pot is None or way <= 0.0:

@@ -48,7 +48,8 @@ from trocar.procs.config.models.system_file import (
 from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem
 from trocar.procs.config.read.search import SearchPath, expanded, search_path
-from trocar.procs.config.read.validate import is_name, validate
+from trocar.procs.config.read.sections import is_name
+from trocar.procs.config.read.validate import validate
 from trocar.procs.document import system as document
 from trocar.procs.machine.extras import missing
 from trocar.procs.machine.paths import PROJECT_CONFIGS, is_folder

@@ -15,7 +15,7 @@ from trocar.procs.config.loading.buses import SystemFiles
 from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.loading.overrides import PROCESSES
 from trocar.procs.config.models.system_file import RESERVED, ArmKeys, InterfaceKeys, SystemFile
-from trocar.procs.config.read.validate import is_name
+from trocar.procs.config.read.sections import is_name
 from trocar.procs.document.arms import ThirdParty
 from trocar.procs.document.bridges import RosArm, RosBridge, is_here
 from trocar.procs.document.user_process import UserProcess

@@ -21,7 +21,7 @@ from trocar.procs.config.models.system_file import RESERVED, ArmKeys
 from trocar.procs.config.models.trocar_section import ProcessKeys, PropertyKeys
 from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.config.read.search import expanded
-from trocar.procs.config.read.validate import is_name
+from trocar.procs.config.read.sections import is_name
 from trocar.procs.document import system as document
 from trocar.procs.document.process import ON_DEMAND
 from trocar.procs.document.user_process import (

@@ -7,12 +7,14 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from trocar.procs.config.models.kinematic_file import DhKeys
-from trocar.procs.config.read.validate import MatrixRows, Name, Rows, Section, VersionAsText
+from trocar.procs.config.read.sections import MatrixRows, Name, Rows, Section, VersionAsText, keys_of
+from trocar.procs.document.arms import ArmConfig
 from trocar.procs.kinematics.endoscopes import NAMES
 
 Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
 
 
+@keys_of(ArmConfig, "arm file")
 class ArmFile(Section):
     """Keys of all arm files; as in dVRK 2.4, these need not state their format."""
 
@@ -22,7 +24,6 @@ class ArmFile(Section):
     generation: Literal["Classic", "Si"]
     homing_zero_position: bool | None = None
     mounting_pitch: Pitch | None = None
-    re_home: bool = True
     skip_gravity_compensation: bool = False
     kinematic_gc: str = ""
 
@@ -45,13 +46,11 @@ class EcmFile(ArmFile):
     mounting_pitch: Pitch
 
 
+@keys_of(ArmConfig, "MTM")
 class MtmFile(ArmFile):
     """A master arm."""
 
     id: Literal["dvrk-mtm.schema.json"] = Field(default="dvrk-mtm.schema.json", alias="$id")
-    platform_gain: float = Field(default=0.5, ge=0.0, le=1.0)
-    gripper_debounce_s: float = Field(default=0.2, ge=0.0, description="s", alias="gripper_events_debounce")
-    gripper_zero: float = Field(default=0.0, alias="gripper_events_zero")
     kinematic_type: Literal["ITERATIVE", "CLOSED"] = "ITERATIVE"
     gravity_compensation: str = ""
 

@@ -6,62 +6,52 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field
 
-from trocar.procs.config.read.validate import MatrixRows, Name, Rows, SafetyKeys, SafetySection, Section, VersionAsText
+from trocar.procs.config.read.sections import MatrixRows, Name, Rows, SafetyKeys, SafetySection, Section, VersionAsText
 from trocar.procs.document.gains import PidAxis
-from trocar.procs.document.keys import BOARD_ID
-from trocar.procs.document.system import DigitalInput, DigitalOutput, InstrumentReader, Linear, Potentiometer, Tolerance
+from trocar.procs.document.system import (
+    Actuator,
+    Brake,
+    DigitalInput,
+    DigitalOutput,
+    InstrumentReader,
+    Linear,
+    Tolerance,
+)
 
-BoardId = Annotated[int, Field(ge=BOARD_ID.low, le=BOARD_ID.high, description=BOARD_ID.text)]
+
+class EffortOffset(SafetySection):
+    """A key that is not used."""
+
+    offset: float = 0.0
 
 
-class DriveKeys(SafetySection):
-    """Efforts (N·m or N) to currents (A) to DAC bits and back."""
+class ActuatorDrive(SafetySection):
+    """Efforts (N·m or N) to currents (A)."""
+
+    effort_to_current: EffortOffset
+
+
+class UnusedOfActuator(SafetySection):
+    """Keys written by the generator, but not used."""
+
+    further_keys_of = Actuator
+    drive: ActuatorDrive
+    actuator_id: int | None = None
+    brake: dict[str, object] | None = None
+
+
+class BrakeDrive(SafetySection):
+    """A key that is not used: a brake has no effort."""
 
     effort_to_current: SafetyKeys[Linear] = Linear()
-    current_to_bits: SafetyKeys[Linear]
-    bits_to_current: SafetyKeys[Linear]
-    maximum_current: float = Field(default=0.0, ge=0.0, le=20.0, description="A")
 
 
-class LimitKeys(SafetySection):
-    """Soft position limits, rad or m."""
+class UnusedOfBrake(SafetySection):
+    """A key written by the generator, but not used."""
 
-    lower: float
-    upper: float
-
-
-class EncoderKeys(SafetySection):
-    """Counts to rad or m."""
-
-    bits_to_position: SafetyKeys[Linear]
-    position_limits_soft: LimitKeys
-    velocity_source: Literal["FIRMWARE", "SOFTWARE"]
-
-
-class ActuatorKeys(SafetySection):
-    """One motor axis."""
-
-    board_id: BoardId
-    axis_id: int = Field(default=-1, ge=-1, le=9)
-    joint_type: Literal["UNDEFINED", "REVOLUTE", "PRISMATIC"] = "UNDEFINED"
-    drive: DriveKeys
-    encoder: EncoderKeys | None = None
-    potentiometer: SafetyKeys[Potentiometer] | None = None
-    actuator_id: int | None = None  # written by the generator, but not used
-    brake: dict[str, object] | None = None  # as above
-
-
-class BrakeKeys(SafetySection):
-    """One brake axis; currents in A, time in s."""
-
-    board_id: BoardId
-    axis_id: int = Field(default=-1, ge=-1, le=9)
-    drive: DriveKeys
-    release_current: float
-    release_s: float = Field(ge=0.0, le=60.0, alias="release_time")
-    released_current: float
-    engaged_current: float
-    brake_id: int | None = None  # written by the generator, but not used
+    further_keys_of = Brake
+    drive: BrakeDrive
+    brake_id: int | None = None
 
 
 class ToleranceAxis(SafetySection):
@@ -97,9 +87,9 @@ class RobotKeys(SafetySection):
     hardware: Literal["HARDWARE_UNDEFINED", "QLA1", "DQLA", "dRA1"] = Field(
         default="HARDWARE_UNDEFINED", alias="hardware_version")
     number_of_actuators: int = Field(ge=0, le=16)
-    actuators: Rows[ActuatorKeys] = ()
+    actuators: Rows[SafetyKeys[Actuator]] = ()
     number_of_brakes: int = Field(ge=0, le=16)
-    brakes: Rows[BrakeKeys] = ()
+    brakes: Rows[SafetyKeys[Brake]] = ()
     potentiometers: PotentiometersKeys | None = None
     only_IO: bool = False
     path: Rows[str] = ()

@@ -6,26 +6,16 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from trocar.procs.config.read.validate import Keys, MatrixRows, Rows, Section, keys_of
-from trocar.procs.document.arms import JawConfig, MasterGravityParameters
+from trocar.procs.config.read.sections import Keys, MatrixRows, Rows, Section, keys_of
+from trocar.procs.document.arms import DhLink, JawConfig, MasterGravityParameters
 
 
+@keys_of(DhLink)
 class LinkKeys(Section):
     """One Denavit-Hartenberg row; m, rad, kg, N·m or N. Inertia about the centre of mass in axes x, y, z."""
 
-    name: str = ""
     convention: Literal["standard", "modified"] | None = None
-    joint_type: Literal["revolute", "prismatic"] = Field(alias="type")
     mode: Literal["active", "passive"] = "active"
-    alpha: float
-    a: float = Field(alias="A")
-    theta: float
-    d: float = Field(alias="D")
-    offset: float = 0.0
-    lower: float = Field(default=0.0, alias="qmin")
-    upper: float = Field(default=0.0, alias="qmax")
-    effort_max: float = Field(default=0.0, ge=0.0, alias="ftmax")
-    mass: float = Field(default=0.0, ge=0.0)
     cx: float = 0.0
     cy: float = 0.0
     cz: float = 0.0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from trocar.procs.config.read.validate import MatrixRows, Name, Rows, SafetySection, Section, VersionAsText, keys_of
+from trocar.procs.config.read.sections import MatrixRows, Name, Rows, SafetySection, Section, VersionAsText, keys_of
 from trocar.procs.document.bridges import RosArm
 from trocar.procs.document.consoles import TeleopEcmConfig, TeleopPsmConfig
 from trocar.procs.document.system import SystemConfig
@@ -186,7 +186,7 @@ class ConsoleKeys(SafetySection):
     teleop_ECMs: Rows[TeleopEcmKeys] = ()
 
 
-@keys_of(SystemConfig)
+@keys_of(SystemConfig, "settings")
 class SettingsKeys(Section):
     """Miscellaneous settings."""
 

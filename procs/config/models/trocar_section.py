@@ -7,18 +7,22 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from trocar.procs.config.read.validate import Keys, Rows, Section, keys_of
+from trocar.procs.config.read.sections import Keys, Rows, Section, keys_of
 from trocar.procs.document.emulated import MADE_FOR, ModelVariation, Quirks
 from trocar.procs.document.keys import NAME
 from trocar.procs.document.process import host_and_port
 from trocar.procs.document.system import (
     ArmConfig,
+    EmulationConfig,
+    FoxgloveServer,
     IoConfig,
     Logs,
     Process,
     Recorder,
     RosBridge,
     SocketBridge,
+    SystemConfig,
+    TaskRow,
     WebConsole,
 )
 from trocar.procs.document.user_process import WORD, UserCommand, UserTopic
@@ -64,12 +68,12 @@ class SocketKeys(Section):
     tls: TlsKeys | None = None
 
 
+@keys_of(FoxgloveServer)
 class FoxgloveKeys(Section):
     """Foxglove's WebSocket protocol, see docs/foxglove.md."""
 
     counts_when_empty = True
     listen: Address = "127.0.0.1:8765"
-    rate_hz: float = Field(default=30.0, ge=1.0, le=200.0, description="Hz")
     tls: CertificateKeys | None = None
 
 
@@ -158,14 +162,13 @@ class ModelVariationKeys(Section):
     """Differences of one robot from its files, by its name on the emulated boards."""
 
 
+@keys_of(EmulationConfig)
 class EmulationOptions(NetworkKeys):
     """The emulated boards."""
 
     period_s: Period = 0.001
     priority: Priority = 90
     cpu: Cpu | None = None
-    seed: int = Field(default=1, ge=0, le=2**32 - 1)
-    pot_noise_v: float = Field(default=0.0, ge=0.0, le=1.0, description="V")
     instruments: dict[str, str] = Field(default_factory=dict, description="arm: NAME:MODEL")
     buses: dict[str, EmulatedBusKeys] = Field(default_factory=dict)
     robots: dict[str, ModelVariationKeys] = Field(default_factory=dict)
@@ -207,6 +210,7 @@ Options = Annotated[dict[str, object], AfterValidator(_plain), Field(description
 Maker = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$", description="the name of a class or function")]
 
 
+@keys_of(TaskRow)
 class TaskKeys(Section):
     """One task; default for `robots`: all with a joint controller."""
 
@@ -214,7 +218,6 @@ class TaskKeys(Section):
     name: Maker
     robots: Rows[str] = ()
     budget_us: float = Field(default=50.0, ge=1.0, le=1000.0, description="µs")
-    over_budget: int = Field(default=10, ge=1, le=1000, description="cycles in a row")
     options: Options = Field(default_factory=dict, description=_OPTIONS)
 
 
@@ -289,6 +292,7 @@ class RecorderKeys(Section):
         folder: str = ""
 
 
+@keys_of(SystemConfig)
 class TrocarSection(Section):
     """The whole section."""
 
@@ -298,7 +302,6 @@ class TrocarSection(Section):
     group: Account = Field(default="", description="a group of this machine")
     service_user: Account = Field(default="", description="a user of this machine")
     placement: Literal["auto", "none"] = "auto"
-    supervisor_lost_s: float = Field(default=1.0, ge=0.1, le=60.0, description="s")
     io: IoOptions = IoOptions()
     arm: ArmOptions = ArmOptions()
     emulation: EmulationOptions = EmulationOptions()

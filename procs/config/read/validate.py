@@ -4,40 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import dataclasses
-import functools
 import re
 import typing
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, TypeAlias, TypeVar
+from collections.abc import Container, Iterator, Mapping, Sequence
+from typing import Any, Final, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem, KeyPath, key_text
 from trocar.procs.config.read.shapes import ANY, Shape, fields_of, folded, is_model, meant_by, shape_of, unwrapped
 from trocar.procs.config.read.source import SourceFile
-from trocar.procs.document.keys import NAME, Key, keys_in
 from trocar.procs.fpga.port_name import PortNameError
 
-Item = TypeVar("Item")
 ModelType = TypeVar("ModelType", bound=BaseModel)
-
-Rows = Annotated[tuple[Item, ...], Field(strict=False)]  # files hold lists; models hold tuples
-MatrixRows = Rows[Rows[float]]
-Name = Annotated[str, Field(pattern=NAME.pattern, description=NAME.text)]
-
-
-def is_name(text: str) -> bool:
-    """Whether a text may be the name of a process."""
-    return re.fullmatch(NAME.pattern, text) is not None
-
-
-def _whole_as_text(value: object) -> object:
-    """A whole number as text: the original software accepts a version as number or text."""
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
 
 _CALIBRATION = re.compile(  # a word of a name
     r"(?:^|[_-])(?:scales?|scaling|offsets?|gains?|limits?|lower|upper|qmin|qmax|ftmax|max|currents?|tolerances?|distance)"
@@ -49,105 +30,6 @@ _RANGES = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 _EMPTY: Final[tuple[Any, ...]] = (None, [], {})
 _NESTED = (dict, list)
 _FORMAT: dict[KeyPath, int] = {("$id",): 0, ("$version",): 1}  # reported first: other formats cause many errors
-VersionAsText = BeforeValidator(_whole_as_text)
-
-
-class Section(BaseModel):
-    """A frozen, strict part of a file: no conversions between types, no inf or nan; `validate` reports unknown keys."""
-
-    model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False, defer_build=True)
-    counts_when_empty: ClassVar[bool] = False
-    """Whether an empty section differs from an absent one."""
-    needs_known_keys: ClassVar[bool] = False
-    """Whether an unknown key is an error: a robot that ignores it may be less safe than its file says."""
-    further_keys_of: ClassVar[type | None] = None
-    """The class of the document to whose keys this section adds others, which the document does not have."""
-
-
-class SafetySection(Section):
-    """A section with a safety meaning: unknown keys in it are errors."""
-
-    needs_known_keys: ClassVar[bool] = True
-    instead: ClassVar[Mapping[str, str]] = {}
-    """Keys of other versions that are not supported, and what to do instead."""
-
-
-def keys_of(kind: type) -> Callable[[type[ModelType]], type[ModelType]]:
-    """Add the keys declared in the document's `kind` to a section, after its own."""
-
-    def add(model: type[ModelType]) -> type[ModelType]:
-        fields: dict[str, Any] = {row[0].name: _field_of(*row) for row in keys_in(kind)}
-        return create_model(model.__name__, __base__=model, __doc__=model.__doc__, __module__=model.__module__,
-                            **fields)
-
-    return add
-
-
-@functools.cache
-def section_of(kind: type, base: type[Section]) -> type[Section]:
-    """The section whose keys are the fields of the document's `kind`, with its docstring; schemas show its name."""
-    fields: dict[str, Any] = {row[0].name: _field_of(*row, base) for row in keys_in(kind, whole=True)}
-    base = next((more for more in base.__subclasses__() if more.further_keys_of is kind), base)
-    name = kind.__name__.removeprefix("User").removesuffix("Config")
-    return create_model(f"{name}Keys", __base__=base, __doc__=kind.__doc__, __module__=kind.__module__, **fields)
-
-
-class _MadeOf:
-    """`_MadeOf(Section)[UserTopic]`: values of that class of the document, each made of a section with its fields."""
-
-    def __init__(self, base: type[Section]) -> None:
-        self._base = base
-
-    def __getitem__(self, kind: type) -> Any:
-        own = {field.name for field in dataclasses.fields(kind)}  # not the further keys of a base
-        return Annotated[section_of(kind, self._base), AfterValidator(
-            lambda keys: kind(**{name: value for name, value in keys if name in own}))]
-
-
-if TYPE_CHECKING:
-    Keys: TypeAlias = Annotated[Item, Section]
-    SafetyKeys: TypeAlias = Annotated[Item, SafetySection]
-else:
-    Keys, SafetyKeys = _MadeOf(Section), _MadeOf(SafetySection)
-
-
-def _field_of(field: dataclasses.Field[Any], hint: Any, key: Key, base: type[Section] = Section) -> Any:
-    """A declared key for pydantic: its type and its field."""
-    hint = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
-    hint = Literal[key.choices] if key.choices else hint
-    is_required = field.default is dataclasses.MISSING or key.min_length
-    default = ... if is_required else None if key.is_optional else field.default
-    limits: dict[str, Any] = {
-        "gt" if key.above else "ge": key.low, "le": key.high, "pattern": key.pattern or None,
-        "min_length": key.min_length, "max_length": key.max_length, "description": key.text or None}
-    if typing.get_origin(hint) is tuple:
-        rows: Any = Rows
-        annotated: Any = Annotated
-        limits["min_length"] = None
-        hint = rows[annotated[_in_files(typing.get_args(hint)[0], base), Field(**limits)]]
-        if key.length is not None:
-            hint = annotated[hint, AfterValidator(functools.partial(_of_length, key.length))]
-        limits = {"min_length": key.min_length, "description": f"{key.length} numbers" if key.length else None}
-    else:
-        hint = _in_files(hint, base)
-        hint = hint | None if key.is_optional else hint
-    made = FieldInfo.from_annotated_attribute(hint, Field(default, alias=key.name or None, **limits))
-    return made.annotation, made
-
-
-def _of_length(length: int, values: tuple[float, ...]) -> tuple[float, ...]:
-    if len(values) != length:
-        raise ValueError(f"{len(values)} numbers")
-    return values
-
-
-def _in_files(hint: Any, base: type[Section]) -> Any:
-    """A type of the document; if it is a class of it, or such a class or None, made of a section."""
-    bare = unwrapped(hint)[0]
-    if not dataclasses.is_dataclass(bare):
-        return hint
-    made = _MadeOf(base)[typing.cast(type, bare)]
-    return made if hint is bare else made | None
 
 
 def validate(

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.fpga.wire import NODES
 from trocar.procs.io.bus.link import SETUP_TRIES, Link
 from trocar.procs.io.bus.transport import PortError
 
 PHY_PAUSE_MS: Final = 10
-NODES: Final = wire.NODES
 FIRST_TRIES: Final = 10
 REPORTED_TRIES: Final = 3
 SCAN_TIMEOUTS_MS: Final = (20, 40, 100)  # one a pass; later passes only while a wanted board is missing

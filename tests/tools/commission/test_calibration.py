@@ -32,6 +32,7 @@ def test_offsets_that_are_wrong_are_found_and_written_into_a_new_file(tmp_path: 
     assert outcome.problems == []
     assert IO_FILE.read_bytes() == before
     made = tmp_path / "PSM1-demo-rehearsed.json"
+    assert outcome.files == [made]
     assert not check_file(made).problems
     was, now = _pots(IO_FILE), _pots(made)
     assert [row["scale"] for row in now] == pytest.approx([row["scale"] for row in was], rel=5e-3)

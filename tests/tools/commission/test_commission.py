@@ -304,12 +304,19 @@ def test_report_files_and_versions_are_packed_into_one_archive(
         kinematic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TROCAR_STATE", str(tmp_path / "state"))
     monkeypatch.setattr(report_file, "findings", lambda: iter(()))
+    made = [tmp_path / name for name in ("PSM1-demo-rehearsed.json", "io/PSM1.json", "arm/PSM1.json")]
+    for file in made:
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("{}")
+    kinematic["scan"] = Outcome(files=made)
     assert _run("--stage", "scan").exit_code == 0
-    Path("PSM1-demo-rehearsed.json").write_text("{}")
+    assert _tries()[0]["made"] == ["PSM1-demo-rehearsed.json", "io/PSM1.json", "arm/PSM1.json"]
     ran.clear()
     packed = _run("--pack", "all.tar.gz")
     assert packed.exit_code == 0 and not ran, packed.output
     with tarfile.open("all.tar.gz") as tar:
         names = {name.partition("/")[2] for name in tar.getnames()}
-    assert {"versions.json", "files/commission-demo.json", "files/demo.yaml", "files/PSM1-demo.yaml",
-            "files/PSM1-demo-rehearsed.json", "CONTENTS.txt"} <= names
+    assert {"versions.json", "CONTENTS.txt", "files/commission-demo.json", "files/demo.yaml",
+            "files/PSM1-demo-rehearsed.json",
+            *(f"files/{each}" for each in ("arms/PSM1-demo.yaml", "io/PSM1-demo.yaml", "io/PSM1.json", "arm/PSM1.json"))
+            } <= names
