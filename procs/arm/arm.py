@@ -13,12 +13,13 @@ import numpy as np
 from trocar.procs.arm.arm_commands import ArmCommandRow, ArmCommands
 from trocar.procs.arm.cartesian_commands import CartesianCommands
 from trocar.procs.arm.context import ArmContext
-from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.control import Control
 from trocar.procs.arm.joint_commands import JointCommands
 from trocar.procs.arm.joints import JointSpace, kinematic_home
 from trocar.procs.arm.machine import ArmStates
 from trocar.procs.arm.motion import EFFORT, Mode, Space
 from trocar.procs.arm.recovery import beginning, previous_state
+from trocar.procs.arm.reports import REPORT_NS
 from trocar.procs.arm.settings import Settings
 from trocar.procs.arm.setup_base import SetupBase
 from trocar.procs.arm.stages.homed import Homed, Manual
@@ -59,6 +60,7 @@ class ArmLogic:
             control.motion.ratio_v, control.motion.ratio_a = before.ratio_v, before.ratio_a
         control.cartesian.name_frame(frame)
         control.cartesian.set_base(base if around.setup_base is None else None)
+        control.place_walls()
         control.record.show_ratios(control.motion)
         self._started = self._clutched = False
         self._epoch, self._asked_by = 0, NO_ORIGIN

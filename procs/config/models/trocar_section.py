@@ -22,6 +22,7 @@ from trocar.procs.document.system import (
     WebConsole,
 )
 from trocar.procs.document.user_process import WORD, UserCommand, UserTopic
+from trocar.procs.document.walls import Wall
 
 
 def _as_addresses(value: object) -> object:
@@ -301,6 +302,7 @@ class TrocarSection(Section):
     supervisor_lost_s: float = Field(default=1.0, ge=0.1, le=60.0, description="s")
     io: IoOptions = IoOptions()
     arm: ArmOptions = ArmOptions()
+    walls: Rows[Keys[Wall]] = ()
     emulation: EmulationOptions = EmulationOptions()
     logs: LogOptions = LogOptions()
     ros: RosOptions | None = None
