@@ -91,26 +91,43 @@ static void nearest(const Walls *k, int64_t w, const double *a, const double *b,
   for (int r = 0; r < 3; r++) out->normal[r] = f[4 * r] * g[0] + f[4 * r + 1] * g[1] + f[4 * r + 2] * g[2];
 }
 
-/* Distances of all pairs of a wall and a segment that it guards at joints q, INFINITY for others; the frames for them. */
-static double look_at(const Walls *k, const double *q, double (*frames)[12], double (*points)[3], Nearest *found) {
+/* The distance from a wall, below 0 on its forbidden side, of every point within `radius` of a point: at least. */
+static double at_least(const Walls *k, int64_t w, const double *point, double radius) {
+  const double *f = k->frames + 12 * w, from[3] = {point[0] - f[3], point[1] - f[7], point[2] - f[11]};
+  double p[3], g[3];
+  turn_back(f, from, p);
+  double distance = distance_of(k->kind[w], k->size + 3 * w, p, g);
+  return (k->keeps_in[w] ? -distance : distance) - radius;
+}
+
+/* Distances of all pairs of a wall and a segment that it guards at joints q, INFINITY for others; the frames for them.
+   Beyond `enough` they may be less than they are. */
+static void look_at(const Walls *k, const double *q, double enough, double (*frames)[12], double (*points)[3],
+                    Nearest *found) {
   const Links links = LINKS(k);
-  double least = INFINITY;
+  double radius = 0.0;
   joint_frames(&links, q, frames);
   for (int64_t i = 0; i < k->p; i++)
     for (int r = 0; r < 3; r++) {
       const double *at = k->place + 3 * i, *f = k->of[i] < 0 ? 0 : frames[k->of[i]] + 4 * r;
       points[i][r] = f ? f[0] * at[0] + f[1] * at[1] + f[2] * at[2] + f[3] : at[r];
     }
-  for (int64_t w = 0; w < k->w; w++)
+  for (int64_t i = 1; i < k->p; i++) {
+    double away[3] = {points[i][0] - points[0][0], points[i][1] - points[0][1], points[i][2] - points[0][2]};
+    radius = most_of(radius, dot(away, away, 3));
+  }
+  radius = sqrt(radius) + k->thickest;
+  for (int64_t w = 0; w < k->w; w++) {
+    double all = k->guards[w] ? at_least(k, w, points[0], radius + k->margin[w]) : INFINITY;
     for (int64_t s = 0; s < k->s; s++) {
       Nearest *pair = found + k->s * w + s;
-      pair->value = INFINITY;
-      if (!(k->guards[w] & k->parts[s])) continue;
+      int is_guarded = (k->guards[w] & k->parts[s]) != 0;
+      pair->value = is_guarded ? all : INFINITY;
+      if (!is_guarded || all > enough) continue;
       nearest(k, w, points[k->starts[s]], points[k->stops[s]], pair);
       pair->value -= k->margin[w] + (k->kind[w] == CONE ? 0.0 : k->radius[s]);
-      least = least_of(least, pair->value);
     }
-  return least;
+  }
 }
 
 /* How the distance of a pair grows with each joint (n). */
@@ -140,7 +157,7 @@ static int64_t blocked(const Walls *k, const double *from, const double *to, con
   for (;;) {
     double room = INFINITY;
     for (int64_t i = 0; i < k->n; i++) q[i] = at < 1.0 ? from[i] + at * (to[i] - from[i]) : to[i];
-    look_at(k, q, frames, points, found);
+    look_at(k, q, k->near, frames, points, found);
     for (int64_t i = 0; i < k->w * k->s; i++) {
       double spare = found[i].value - least[i];
       if (!(spare >= -k->tiny)) {
@@ -218,16 +235,16 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
   double a[(pairs + 2 * n) * m], b[pairs + 2 * n];
   int64_t of[pairs + 2 * n];
   Nearest found[pairs];
-  look_at(k, k->before, frames, points, found);
+  look_at(k, k->before, k->near, frames, points, found);
   for (int64_t i = 0; i < pairs; i++) {
     double value = found[i].value;
     least[i] = value <= 0.0 ? value : is_step && value < k->near ? value * (1.0 - share) : 0.0;
   }
   why = blocked(k, k->before, k->goal, least, k->share);
   if (!why) return 0;
-  look_at(k, k->goal, frames, points, found);
+  look_at(k, k->goal, 0.0, frames, points, found);
   tip_of(k, frames, goal_tip);
-  look_at(k, k->before, frames, points, found);
+  look_at(k, k->before, k->near, frames, points, found);
   memcpy(x, k->before, sizeof x);
   for (int64_t step = 0; step < k->steps; step++) {
     int64_t count = 0, strongest;
@@ -261,7 +278,7 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
       x[i] += moved;
       change = most_of(change, fabs(moved));
     }
-    look_at(k, x, frames, points, found);
+    look_at(k, x, k->near, frames, points, found);
     if (change < k->small) break;
   }
   for (int64_t halving = 0; halving < k->halvings; halving++) {
@@ -279,7 +296,7 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
 int64_t Walls_way(const Walls *k) {
   double frames[k->n][12], points[k->p][3], least[k->w * k->s];
   Nearest found[k->w * k->s];
-  look_at(k, k->before, frames, points, found);
+  look_at(k, k->before, k->near, frames, points, found);
   for (int64_t i = 0; i < k->w * k->s; i++) least[i] = least_of(found[i].value, 0.0);
   return blocked(k, k->before, k->goal, least, k->share);
 }
@@ -288,7 +305,7 @@ int64_t Walls_way(const Walls *k) {
 int64_t Walls_look(const Walls *k) {
   double frames[k->n][12], points[k->p][3];
   Nearest found[k->w * k->s];
-  look_at(k, k->goal, frames, points, found);
+  look_at(k, k->goal, INFINITY, frames, points, found);
   for (int64_t i = 0; i < k->w * k->s; i++) k->value[i] = found[i].value;
   return 0;
 }

@@ -15,6 +15,7 @@ from tests.arm.fake_io import PERIOD_NS, ArmHarness
 from tests.arm.test_psm import DEEP, at
 from trocar.procs.document.walls import Wall
 from trocar.procs.kinematics.poses import pose_from_matrix
+from trocar.procs.tables.arm_types import base_name
 
 FLOOR = Wall("floor", "plane", (0.0, 0.0, -0.13), of="tip")
 HERE = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
@@ -50,7 +51,7 @@ def push(made: ArmHarness, to: Any, speed: float = 0.05) -> list[str]:
     way = np.array(to) - start
     count = int(np.linalg.norm(way) / (speed * PERIOD_NS * 1e-9)) + 1
     for share in np.concatenate((np.linspace(0.0, 1.0, count), np.ones(300))):
-        answers.append(made.send("servo_cp", pose(made, start + share * way)).replies[-1][1])
+        answers.append(made.send("servo_cp", pose(made, start + share * way), base_name("PSM1")).replies[-1][1])
     return answers
 
 

@@ -14,8 +14,8 @@ from typing import Final
 from trocar.procs.document.walls import BOX, CAPSULE, CONE, CYLINDER, PLANE, SHAPES
 
 Vector = Sequence[float]
-HALVINGS: Final = 30
-"""Of a segment, to find its nearest place: 0.3 m / 2³⁰ is less than a nanometre."""
+HALVINGS: Final = 20
+"""Of a segment, to find its nearest place: 0.1 m / 2²⁰ is 0.1 µm."""
 
 
 @dataclass(frozen=True, slots=True)

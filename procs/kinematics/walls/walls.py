@@ -58,6 +58,7 @@ class ArmWalls:
         """`lower`, `upper` (n,): limits of the joints; `free` (n, m): joints from independent coordinates."""
         n = kinematics.n
         self.kinematics, self.body = kinematics, body
+        self.thickest = float(body.radius.max())
         self.free = np.eye(n) if free is None else np.ascontiguousarray(free)
         self.gather = np.ascontiguousarray(np.linalg.pinv(self.free))
         self.m, self.w, self.p, self.s = self.free.shape[1], MOST, len(body.of), len(body.starts)
@@ -90,7 +91,7 @@ class ArmWalls:
 
     def by_numpy_look(self) -> int:
         """Fill `value` for the joints `goal`."""
-        self.value[...] = _View(self, self.goal).values
+        self.value[...] = _View(self, self.goal, math.inf).values
         return 0
 
     def by_numpy_way(self) -> int:
@@ -164,24 +165,33 @@ class ArmWalls:
 
 
 class _View:
-    """The arm at some joints (n,): the distances of all pairs."""
+    """The arm at some joints (n,): the distances of all pairs; beyond `enough` they may be less than they are."""
 
-    def __init__(self, walls: ArmWalls, q: Array) -> None:
+    def __init__(self, walls: ArmWalls, q: Array, enough: float = ArmWalls.NEAR) -> None:
         self._walls, body = walls, walls.body
         self._frames: Sequence[Frame] = walls.kinematics.links.frames(q.tolist())
         spots = zip(body.of.tolist(), body.place.tolist(), strict=True)
         self._points = [self._point(joint, place) for joint, place in spots]
         self._found: dict[int, Nearest] = {}
         self.values = np.full((walls.w, walls.s), np.inf)
+        radius = max(math.dist(point, self._points[0]) for point in self._points) + walls.thickest
         for wall in np.flatnonzero(walls.guards).tolist():
+            there = self._points[0]
+            all_at_least = self._nearest(wall, there, there).value - radius - walls.margin[wall]
+            if all_at_least > enough:
+                self.values[wall, body.parts & walls.guards[wall] != 0] = all_at_least
+                continue
             for segment in np.flatnonzero(body.parts & walls.guards[wall]).tolist():
                 ends = self._points[body.starts[segment]], self._points[body.stops[segment]]
-                frame = walls.frames[wall].ravel().tolist()
-                pair = shapes.nearest(int(walls.kind[wall]), bool(walls.keeps_in[wall]), frame,
-                                      walls.size[wall].tolist(), *ends)
+                pair = self._nearest(wall, *ends)
                 wide = 0.0 if SHAPES[walls.kind[wall]] == CONE else body.radius[segment]
                 self._found[wall * walls.s + segment] = pair
                 self.values[wall, segment] = pair.value - (walls.margin[wall] + wide)
+
+    def _nearest(self, wall: int, a: list[float], b: list[float]) -> Nearest:
+        walls = self._walls
+        return shapes.nearest(int(walls.kind[wall]), bool(walls.keeps_in[wall]), walls.frames[wall].ravel().tolist(),
+                              walls.size[wall].tolist(), a, b)
 
     def _point(self, joint: int, place: list[float]) -> list[float]:
         if joint < 0:
