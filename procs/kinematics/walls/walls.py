@@ -23,7 +23,7 @@ import numpy as np
 from trocar.procs.document.walls import BOX, CONE, CYLINDER, IN, JAW, SHAFT, SHAPES, SIZES, Wall
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.frames import Frame, body_jacobian, twist_between
-from trocar.procs.kinematics.poses import Array, matrix_from_pose
+from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised
 from trocar.procs.kinematics.walls import shapes
 from trocar.procs.kinematics.walls.body import PART_BITS, Body
 from trocar.procs.kinematics.walls.shapes import Nearest
@@ -255,7 +255,7 @@ def size_of(wall: Wall) -> tuple[float, float, float]:
 
 def pose_of(wall: Wall) -> Array:
     """Its pose (4, 4) in its own frame; ValueError for an orientation that is no quaternion."""
-    return matrix_from_pose(np.array((*wall.position, *wall.orientation)))
+    return matrix_from_pose(normalised(np.array((*wall.position, *wall.orientation))))
 
 
 def objection_to(wall: Wall, arm_type: str) -> str:
