@@ -203,6 +203,7 @@ class ArmLogic:
         if motion.mode is EFFORT:
             self.shape_efforts()
             if self.machine.state in AT_HOME and not control.is_kinematic:
+                control.walls.push(io.position, io.velocity, motion.effort)
                 control.guard.step(io.position, io.velocity, motion)
 
     def _show(self) -> None:

@@ -54,7 +54,7 @@ class Control(ArmReports):
         self.motion = Motion(self.joints, arm.jerk_time_s)
         self._effort_limits = EffortLimits(around.motors, self.joints)
         self.efforts = Efforts(self.cartesian, self._effort_limits, self.joints.size, arm.effort_timeout_s)
-        self.walls = Walls(arm, around.walls, lambda: machine.state in AT_HOME)
+        self.walls = Walls(arm, around.walls, self, lambda: machine.state in AT_HOME)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
         self.streams, self._base_steps = Streams(simulated=around.simulated), BaseSteps()
         self.gravity = Weight(arm)
@@ -102,11 +102,7 @@ class Control(ArmReports):
 
     def place_walls(self) -> None:
         """Walls, or the base frame, have changed."""
-        walls, cartesian = self.walls, self.cartesian
-        walls.place(cartesian.to_base if cartesian.base_known else None)
-        self.motion.governor.clip = walls.clip if walls.names else None
-        if walls.lost:
-            self.report(codes.WALL_OFF, f"{', '.join(walls.lost)}: {cartesian.frame} is not known", REPORT_NS)
+        self.walls.place(self.cartesian, self.motion.governor)
 
     # goals of the joints; `goal` belongs to the current command
 

@@ -12,18 +12,22 @@ from typing import Any, Final
 
 import numpy as np
 
+from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.governor import Governor
 from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.reports import REPORT_NS, ArmReports
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.document.walls import BASE, FRAMES, PARTS, REFERENCE, SHAPES, SIDES, SIZES, Wall
 from trocar.procs.kinematics.poses import Array, given_pose, pose_from_matrix
-from trocar.procs.kinematics.walls.body import CAMERA, THICK, THIN, Body
+from trocar.procs.kinematics.walls.body import CAMERA, THICK, THIN, ArmBody
 from trocar.procs.kinematics.walls.walls import MOST, SLOWING_S, ArmWalls, objection_to, pose_of
 from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import CommandRefused, Request
+from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES
 
 POSE: Final = 7
-LONGEST_NAME: Final = 24
+NAME_BYTES: Final = 24
 SHOWN_NS: Final = 33_000_000
 NEAR_S: Final = 0.02
 """A stream that was stopped by a wall has caught up when its goal is so near, in s at the largest speed."""
@@ -31,7 +35,7 @@ WORDS: Final = (*SIDES, *PARTS, *FRAMES)
 
 
 @dataclass(slots=True)
-class Kept:
+class KeptWall:
     """One wall, and whether a command added it."""
 
     wall: Wall
@@ -43,14 +47,14 @@ class Kept:
 class Walls:
     """Keeps setpoints of an arm's joints where its walls allow them."""
 
-    def __init__(self, arm: ArmConfig, field: Fields | None, is_on: Callable[[], bool]) -> None:
+    def __init__(self, arm: ArmConfig, field: Fields | None, reports: ArmReports, is_on: Callable[[], bool]) -> None:
         """`field` gives the arrays of the record `walls`, still with the previous process's; `is_on`: the arm is homed.
         """
-        self._arm, self._field, self._is_on = arm, field, is_on
-        self._kept = [Kept(wall, pose_of(wall)) for wall in arm.walls]
+        self._arm, self._field, self._reports, self._is_on = arm, field, reports, is_on
+        self._kept = [KeptWall(wall, pose_of(wall)) for wall in arm.walls]
         names = [wall.name for wall in arm.walls]
         if field is not None:
-            self._kept += [kept for kept in _of_commands(field, arm) if kept.wall.name not in names]
+            self._kept += [kept for kept in _added_before(field, arm) if kept.wall.name not in names]
         self._limits: ArmWalls | None = None
         self._to_base: Array | None = np.eye(4)
         self._count = 0
@@ -71,9 +75,9 @@ class Walls:
             n = joints.count
             self._limits = ArmWalls(joints.kinematics, body, joints.lower[:n], joints.upper[:n], joints.free)
 
-    def place(self, to_base: Array | None) -> None:
-        """Put all walls where they are, for the pose (4, 4) of the reference frame in the arm's base; None: unknown."""
-        self._to_base = None if to_base is None else to_base.copy()
+    def place(self, cartesian: Cartesian, governor: Governor) -> None:
+        """Put all walls where they are now: they have changed, or the base frame has."""
+        self._to_base = cartesian.to_base.copy() if cartesian.base_known else None
         limits = self._limits
         for place in range(MOST):
             if limits is not None:
@@ -84,16 +88,14 @@ class Walls:
             if limits is not None and to_base is not None:
                 limits.put(place, kept.wall, to_base @ kept.pose)
         self.is_news = True
+        governor.clip = self.clip if self._kept else None
+        if lost := [kept.wall.name for kept in self._kept if kept.wall.frame == REFERENCE and self._to_base is None]:
+            self._reports.report(codes.WALL_OFF, f"{', '.join(lost)}: {cartesian.frame} is not known", REPORT_NS)
 
     @property
     def names(self) -> list[str]:
         """Names of all walls."""
         return [kept.wall.name for kept in self._kept]
-
-    @property
-    def lost(self) -> list[str]:
-        """Names of walls that are off because the reference frame is not known."""
-        return [kept.wall.name for kept in self._kept if kept.wall.frame == REFERENCE and self._to_base is None]
 
     @property
     def guards(self) -> bool:
@@ -163,6 +165,16 @@ class Walls:
         how = f", and {-1e3 * beyond:.1f} mm beyond it at the end" if beyond < 0.0 else ""
         return f"wall {self._name_of(pair)} is in the way after {100.0 * limits.share.item():.0f} % of it{how}"
 
+    def push(self, position: Array, velocity: Array, effort: Array) -> None:
+        """Add the efforts of soft walls to those of the joints (size,), at measured positions and velocities (size,).
+        """
+        limits, n = self._limits, self._count
+        if limits is None or not self.guards:
+            return
+        limits.goal[...], limits.rates[...] = position[:n], velocity[:n]
+        if limits.push():
+            effort[:n] += limits.efforts
+
     def _name_of(self, pair: int) -> str:
         """The wall of a pair plus 1; 0: ""."""
         return "" if not pair or self._limits is None else self._kept[(pair - 1) // self._limits.s].wall.name
@@ -179,7 +191,7 @@ class Walls:
         why = objection_to(wall, self._arm.type)
         if why:
             raise CommandRefused(why)
-        self._kept.append(Kept(wall, given_pose(request.values[:POSE]), by_command=True))
+        self._kept.append(KeptWall(wall, given_pose(request.values[:POSE]), by_command=True))
 
     def remove(self, request: Request) -> None:
         """Without the wall of this name."""
@@ -228,11 +240,11 @@ class Walls:
             field("by_command")[place], field("active")[place] = kept.by_command, kept.active
 
 
-def body_of(arm: ArmConfig, joints: JointSpace) -> Body:
+def body_of(arm: ArmConfig, joints: JointSpace) -> ArmBody:
     """The body of an arm with the instrument or endoscope of a joint space."""
     assert joints.kinematics is not None
     thick = CAMERA if ARM_TYPES[arm.type].has_endoscope else THIN if joints.free is not None else THICK
-    return Body(joints.kinematics, thick, arm.jaw_length if joints.has_jaw else 0.0)
+    return ArmBody(joints.kinematics, thick, arm.jaw_length if joints.has_jaw else 0.0)
 
 
 def wall_of(text: str, values: Array) -> Wall:
@@ -241,8 +253,8 @@ def wall_of(text: str, values: Array) -> Wall:
     if len(words) < 2 or words[1] not in SHAPES:
         raise CommandRefused(f"a name and a shape are needed first; shapes: {', '.join(SHAPES)}")
     name, shape, *others = words
-    if len(name.encode()) > LONGEST_NAME or not name.replace("_", "").replace("-", "").isalnum():
-        raise CommandRefused(f"name {name}: letters, digits, _ and -, at most {LONGEST_NAME}")
+    if len(name.encode()) > NAME_BYTES or not name.replace("_", "").replace("-", "").isalnum():
+        raise CommandRefused(f"name {name}: letters, digits, _ and -, at most {NAME_BYTES}")
     if unknown := [word for word in others if word not in WORDS]:
         raise CommandRefused(f"{', '.join(unknown)}: allowed are {', '.join(WORDS)}")
     needed = SIZES[shape]
@@ -257,7 +269,7 @@ def wall_of(text: str, values: Array) -> Wall:
     return wall
 
 
-def _of_commands(field: Fields, arm: ArmConfig) -> list[Kept]:
+def _added_before(field: Fields, arm: ArmConfig) -> list[KeptWall]:
     """Walls that commands added, from the record of the previous process; none if there was none."""
     found = []
     for place in range(min(int(field("count").item()), MOST)):
@@ -271,5 +283,5 @@ def _of_commands(field: Fields, arm: ArmConfig) -> list[Kept]:
         wall = Wall(**texts, position=tuple(pose[:3]), orientation=tuple(pose[3:]),
                     size=tuple(size[: SIZES[texts["shape"]]]), margin=float(field("margin")[place]))
         if not objection_to(wall, arm.type):
-            found.append(Kept(wall, pose_of(wall), by_command=True))
+            found.append(KeptWall(wall, pose_of(wall), by_command=True))
     return found

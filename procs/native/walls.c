@@ -309,3 +309,21 @@ int64_t Walls_look(const Walls *k) {
   for (int64_t i = 0; i < k->w * k->s; i++) k->value[i] = found[i].value;
   return 0;
 }
+
+/* The efforts of springs and dampers before walls, for joints `goal` that move at `rates`; returns whether there are any. */
+int64_t Walls_push(const Walls *k) {
+  double frames[k->n][12], points[k->p][3], slope[k->n];
+  int64_t any = 0;
+  Nearest found[k->w * k->s];
+  memset(k->efforts, 0, sizeof slope);
+  look_at(k, k->goal, k->zone, frames, points, found);
+  for (int64_t i = 0; i < k->w * k->s; i++) {
+    if (!(found[i].value < k->zone)) continue;
+    slope_of(k, i % k->s, found + i, frames, points, slope);
+    double force = k->spring * (k->zone - found[i].value) - k->damper * dot(slope, k->rates, k->n);
+    force = most_of(least_of(force, k->largest), 0.0);
+    for (int64_t j = 0; j < k->n; j++) k->efforts[j] += force * slope[j];
+    any = 1;
+  }
+  return any;
+}

@@ -12,13 +12,14 @@ WALLS: Final = CStruct("Walls", (
     *rows("f8", "3 4", end="kinematics.end"),
     *rows("i8", "", m="m", w="w", p="p", s="s", halvings="HALVINGS", samples="SAMPLES", sweeps="SWEEPS", steps="STEPS"),
     *rows("f8", "", grain="GRAIN", near="NEAR", safe="SAFE", tiny="TINY", small="SMALL", flat="FLAT", turn="TURN",
-          thickest="thickest"),
+          thickest="thickest", zone="ZONE", spring="SPRING", damper="DAMPER", largest="LARGEST"),
     *rows("i8", "p", of="body.of"),
     *rows("f8", "p 3", place="body.place"),
     *places("s", "p", starts="body.starts", stops="body.stops"),
     *rows("i8", "s", parts="body.parts"),
     *rows("f8", "s", radius="body.radius"),
-    *rows("f8", "n", reach="body.reach", before="before", goal="goal", lower="lower", upper="upper", step="step"),
+    *rows("f8", "n", reach="body.reach", before="before", goal="goal", lower="lower", upper="upper", step="step",
+          rates="rates", efforts="efforts"),
     *rows("f8", "n m", free="free"),
     *rows("f8", "m n", gather="gather"),
     *rows("i8", "w", kind="kind", keeps_in="keeps_in", guards="guards"),
@@ -27,5 +28,5 @@ WALLS: Final = CStruct("Walls", (
     *rows("f8", "w", margin="margin"),
     *rows("f8", "w s", value="value"),
     *rows("f8", "1", share="share"),
-), {"keep": ("f8", "i8"), "way": (), "look": ()})
+), {"keep": ("f8", "i8"), "way": (), "look": (), "push": ()})
 """From `trocar.procs.kinematics.walls.walls.ArmWalls`."""

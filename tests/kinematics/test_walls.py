@@ -17,7 +17,7 @@ from trocar.procs.document.walls import SHAPES, SIZES, Wall
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.poses import matrix_from_pose
 from trocar.procs.kinematics.walls import shapes
-from trocar.procs.kinematics.walls.body import Body, points_at
+from trocar.procs.kinematics.walls.body import ArmBody, points_at
 from trocar.procs.kinematics.walls.walls import objection_to, size_of
 
 THIN = 1e-6  # m, radius of a capsule that stands for a segment
@@ -96,7 +96,7 @@ def test_inside_and_outside_of_each_shape() -> None:
 @given(SEEDS)
 def test_the_body_of_a_psm_goes_from_its_remote_centre_to_the_end_of_its_jaw(seed: int) -> None:
     kinematics = Kinematics(CHAIN, TOOL)
-    body = Body(kinematics, 0.004, 0.02)
+    body = ArmBody(kinematics, 0.004, 0.02)
     q = np.random.default_rng(seed).uniform(kinematics.lower, kinematics.upper)
     q[2] = max(q[2], 0.02)
     points = points_at(kinematics, q, list(zip(body.of.tolist(), body.place, strict=True)))
@@ -115,7 +115,7 @@ def test_the_body_of_a_psm_goes_from_its_remote_centre_to_the_end_of_its_jaw(see
 
 
 def test_a_master_has_its_tip_only() -> None:
-    body = Body(Kinematics(stock.chain("MTML")), 0.004)
+    body = ArmBody(Kinematics(stock.chain("MTML")), 0.004)
     assert body.known_parts == ("tip",) and body.parts.tolist() == [1]
 
 

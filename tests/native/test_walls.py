@@ -64,3 +64,9 @@ def test_both_find_the_same_and_nothing_comes_nearer_than_it_may(seed: int, is_s
     np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-7)
     made.goal[...] = goal
     assert made.way() == made.by_numpy_way()
+    made.rates[...] = rng.normal(size=N)
+    made.goal[...] = before
+    assert made.push() == made.by_numpy_push()
+    by_numpy = made.efforts.copy()
+    made.push()
+    np.testing.assert_allclose(made.efforts, by_numpy, rtol=0.0, atol=1e-9)

@@ -16,14 +16,14 @@ _WALLS: Final[KeyPath] = ("trocar", "walls")
 _USUAL: Final = "PSM"
 
 
-def with_walls(system: SystemFiles, arms: Sequence[ArmConfig]) -> list[ArmConfig]:
+def with_walls(system: SystemFiles, arms: Sequence[ArmConfig]) -> tuple[ArmConfig, ...]:
     """The arms with their walls, all checked."""
     names = [arm.name for arm in arms]
     for index, wall in enumerate(system.options.walls):
         for place, name in enumerate(wall.arms):
             if name not in names:
                 system.unlisted((*_WALLS, index, "arms", place), "no arm of this name", names, "this system has no arm")
-    return [dataclasses.replace(arm, walls=_of_arm(system, arm)) for arm in arms]
+    return tuple(dataclasses.replace(arm, walls=_of_arm(system, arm)) for arm in arms)
 
 
 def _of_arm(system: SystemFiles, arm: ArmConfig) -> tuple[Wall, ...]:

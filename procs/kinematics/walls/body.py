@@ -21,7 +21,7 @@ _TIP, _JAW, _SHAFT, _WRIST = 1, 2, 4, 8
 PART_BITS: Final = {TIP: _TIP, JAW: _JAW, SHAFT: _SHAFT, INSTRUMENT: _JAW | _SHAFT | _WRIST}
 
 
-class Body:
+class ArmBody:
     """Points and segments of one arm with its instrument.
 
     `of` (p,): the joint that carries a point, -1: none; `place` (p, 3): its place in the frame of that joint. `starts`,
@@ -91,7 +91,7 @@ def _distinct(kinematics: Kinematics, spots: Spots) -> list[tuple[int, Array]]:
 
 
 def _reach(kinematics: Kinematics, way: Spots) -> Array:
-    """See `Body`: 1 for a joint that slides, else the length of the `way` from its axis to the tip."""
+    """See `ArmBody`: 1 for a joint that slides, else the length of the `way` from its axis to the tip."""
     reach = np.ones(kinematics.n)
     for joint in np.flatnonzero(~kinematics.is_prismatic).tolist():
         after = [spot for spot in way if spot[0] >= joint]

@@ -25,7 +25,7 @@ from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.frames import Frame, body_jacobian, twist_between
 from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised
 from trocar.procs.kinematics.walls import shapes
-from trocar.procs.kinematics.walls.body import PART_BITS, Body
+from trocar.procs.kinematics.walls.body import PART_BITS, ArmBody
 from trocar.procs.kinematics.walls.shapes import Nearest
 from trocar.procs.native.library import chosen
 from trocar.procs.native.walls_fields import WALLS
@@ -53,8 +53,10 @@ class ArmWalls:
     """m: aim of the approximation, so that the result is inside the allowed space."""
     TINY, SMALL, FLAT = 1e-12, 1e-9, 1e-9
     TURN = 0.02
+    ZONE, SPRING, DAMPER, LARGEST = 0.01, 500.0, 20.0, 10.0
+    """Before a wall in effort mode: m, N/m, N·s/m, N."""
 
-    def __init__(self, kinematics: Kinematics, body: Body, lower: Array, upper: Array, free: Array | None) -> None:
+    def __init__(self, kinematics: Kinematics, body: ArmBody, lower: Array, upper: Array, free: Array | None) -> None:
         """`lower`, `upper` (n,): limits of the joints; `free` (n, m): joints from independent coordinates."""
         n = kinematics.n
         self.kinematics, self.body = kinematics, body
@@ -63,14 +65,15 @@ class ArmWalls:
         self.gather = np.ascontiguousarray(np.linalg.pinv(self.free))
         self.m, self.w, self.p, self.s = self.free.shape[1], MOST, len(body.of), len(body.starts)
         self.lower, self.upper = np.ascontiguousarray(lower), np.ascontiguousarray(upper)
-        self.before, self.goal, self.step = np.zeros((3, n))
+        self.before, self.goal, self.step, self.rates, self.efforts = np.zeros((5, n))
         self.kind, self.keeps_in, self.guards = np.zeros((3, MOST), dtype=np.int64)
         self.frames, self.size, self.margin = np.zeros((MOST, 3, 4)), np.zeros((MOST, 3)), np.zeros(MOST)
         self.value, self.share = np.full((MOST, self.s), np.inf), np.zeros(1)
         self.keep: Callable[[float, int], int]
         self.way: Callable[[], int]
         self.look: Callable[[], int]
-        self.keep, self.way, self.look = chosen(WALLS, self, "by_numpy_")
+        self.push: Callable[[], int]
+        self.keep, self.way, self.look, self.push = chosen(WALLS, self, "by_numpy_")
 
     def put(self, place: int, wall: Wall, frame: Array) -> None:
         """Set the wall at `place`, whose pose in the arm's base is `frame` (4, 4)."""
@@ -93,6 +96,17 @@ class ArmWalls:
         """Fill `value` for the joints `goal`."""
         self.value[...] = _View(self, self.goal, math.inf).values
         return 0
+
+    def by_numpy_push(self) -> int:
+        """Fill `efforts` with those of springs and dampers before walls, for joints `goal` that move at `rates`."""
+        view = _View(self, self.goal, self.ZONE)
+        self.efforts[...] = 0.0
+        pairs = np.flatnonzero(view.values < self.ZONE).tolist()
+        for pair in pairs:
+            slope = view.slope(pair)
+            force = self.SPRING * (self.ZONE - view.values.flat[pair]) - self.DAMPER * float(slope @ self.rates)
+            self.efforts += max(min(force, self.LARGEST), 0.0) * slope
+        return int(bool(pairs))
 
     def by_numpy_way(self) -> int:
         """Whether the straight way from `before` to `goal` is free, or only leads out: 0; else the first pair in it,
