@@ -246,6 +246,23 @@ ARM_STATE = Topic("state", writer="arm", rate_hz=1500, fields=(
     View("gravity_compensation/setpoint_js", "js", (("name", "names"), ("effort", "gravity_effort"))),
 ))
 
+# Written at start, when walls change, and 30 times a second while the arm is near one.
+ARM_WALLS = Topic("walls", writer="arm", depth=64, fields=(
+    Field("count", "u1", "", "walls in use"),
+    Field("stopped_by", "S24", "", "wall that keeps the arm from its goal now; empty: none"),
+    Field("name", "(16,)S24", "", "names of the walls"),
+    Field("shape", "(16,)S8", "", "plane, box, sphere, cylinder, cone or capsule"),
+    Field("keep", "(16,)S3", "", "out or in"),
+    Field("of", "(16,)S10", "", "part of the arm: tip, jaw, shaft or instrument"),
+    Field("frame", "(16,)S9", "", "base or reference: the frame that the wall is given in"),
+    Field("pose", "(16, 7)<f8", "m, -", "pose of the wall in that frame: x y z, quaternion x y z w"),
+    Field("size", "(16, 3)<f8", "m|rad", "see docs/walls.md"),
+    Field("margin", "(16,)<f8", "m", "distance that is kept besides"),
+    Field("by_command", "(16,)?", "", "added by a command; false: of the system file"),
+    Field("active", "(16,)?", "", "the arm is kept out or in; false: its frame, or the instrument, is not known"),
+    Field("distance", "(16,)<f8", "m", "of the setpoint from the wall, negative beyond it; NaN: not active"),
+))
+
 # The setup joints of a patient cart: every setup arm carries an arm of the system and provides its base frame.
 SUJ_STATE = Topic("state", writer="suj", rate_hz=500, fields=(
     Field("valid", "?", "", "the poses of all setup arms are valid"),
@@ -314,8 +331,8 @@ SOCKET_STATE = Topic("state", writer="socket_bridge", rate_hz=1, depth=64, field
 ))
 
 TOPICS: tuple[Topic, ...] = (
-    IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE, SUPERVISOR_STATE,
-    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, SOCKET_STATE, GUI_STATE, RECORDER_STATE,
+    IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, ARM_WALLS, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE,
+    SUPERVISOR_STATE, TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, SOCKET_STATE, GUI_STATE, RECORDER_STATE,
     THIRD_PARTY_STATE, EVENTS, COMMAND, REPLY, AUDIT,
 )
 

@@ -13,12 +13,13 @@ import numpy as np
 from trocar.procs.arm.arm_commands import ArmCommandRow, ArmCommands
 from trocar.procs.arm.cartesian_commands import CartesianCommands
 from trocar.procs.arm.context import ArmContext
-from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.control import Control
 from trocar.procs.arm.joint_commands import JointCommands
 from trocar.procs.arm.joints import JointSpace, kinematic_home
 from trocar.procs.arm.machine import ArmStates
 from trocar.procs.arm.motion import EFFORT, Mode, Space
 from trocar.procs.arm.recovery import PreviousState, beginning, previous_state
+from trocar.procs.arm.reports import REPORT_NS
 from trocar.procs.arm.settings import Settings
 from trocar.procs.arm.setup_base import SetupBase
 from trocar.procs.arm.stages.homed import Homed, Manual
@@ -82,6 +83,7 @@ class ArmLogic:
             control.motion.ratio_v, control.motion.ratio_a = before.ratio_v, before.ratio_a
         control.cartesian.name_frame(frame)
         control.cartesian.set_base(base if self._setup_base is None else None)
+        control.place_walls()
         control.record.show_ratios(control.motion)
 
     # what an arm may have of its own
@@ -207,6 +209,7 @@ class ArmLogic:
         if motion.mode is EFFORT:
             self.shape_efforts()
             if self.machine.state in AT_HOME and not control.is_kinematic:
+                control.walls.push(io.position, io.velocity, motion.effort)
                 control.guard.step(io.position, io.velocity, motion)
 
     def _show(self) -> None:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.control import Control
 from trocar.procs.arm.motion import Mode
+from trocar.procs.arm.reports import REPORT_NS
 from trocar.procs.arm.states import FAULT, HOMED
 from trocar.procs.node.requests import CommandRefused, Handler, carry_out
 from trocar.procs.node.streams import StreamKind

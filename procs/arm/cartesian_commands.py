@@ -11,10 +11,11 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.arm.arm_commands import ArmCommandRow, Ready, Table
-from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.control import Control
 from trocar.procs.arm.efforts import impedance_of
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.reach import Guard, Reach
+from trocar.procs.arm.reports import REPORT_NS
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import Array, given_pose
 from trocar.procs.node.inputs import FOR_EVER_NS

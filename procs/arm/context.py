@@ -45,4 +45,5 @@ class ArmContext:
     motors: Sequence[float] = ()  # the largest efforts of its actuators; empty: not known
     stall: str = ""  # the stall after which its process restarted; empty: the process was started
     simulated: bool = False  # the system's time is simulated
+    walls: Fields | None = None  # the arm's record of walls, still with the values of the previous process
     faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # commands given before a fault are void

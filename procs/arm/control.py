@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.arm.cartesian import Cartesian
-from trocar.procs.arm.clipping import EPISODE_NS, Clipping
+from trocar.procs.arm.clipping import Clipping
 from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.effort_limits import EffortGuard, EffortLimits
 from trocar.procs.arm.efforts import Efforts, Law
@@ -21,29 +21,30 @@ from trocar.procs.arm.machine import ArmStates
 from trocar.procs.arm.motion import EFFORT, NONE, POSITION, Mode, Motion, Space
 from trocar.procs.arm.readings import ArmReadings
 from trocar.procs.arm.record import ArmRecord, SetpointRecord
+from trocar.procs.arm.reports import REPORT_NS, ArmReports
 from trocar.procs.arm.setup_base import BaseSteps
+from trocar.procs.arm.states import AT_HOME
 from trocar.procs.arm.supervision import Generations
+from trocar.procs.arm.walls import Walls
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.requests import ANSWERED, CommandRefused
 from trocar.procs.node.streams import JAW, StreamKind, Streams
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES
-from trocar.procs.tables.code_row import Code
 from trocar.shm.mailbox.received import Request
 
-REPORT_NS: Final = 2_000_000_000
 ARRIVE_NS: Final = 500_000_000  # time for joints to arrive at the goal after the end of a move's trajectory
-NEVER_NS: Final = 1 << 62
 MOVE, JAW_MOVE = "move", "jaw move"
 
 
-class Control:
+class Control(ArmReports):
     """The parts of one arm and the functions that change its motion; `now_ns` is this cycle's time."""
 
     def __init__(self, arm: ArmConfig, around: ArmContext, machine: ArmStates) -> None:
+        super().__init__(arm.name, around.reports)
         self.arm, self.machine = arm, machine
-        self.reports, self.fault_report = around.reports, around.fault_report
+        self.fault_report = around.fault_report
         self.joints = joints(arm, arm.tool if arm.tool_detection == "FIXED" else None)
         self.io = ArmReadings(around.field, around.robot, around.first_axis, self.joints)
         self.cartesian = Cartesian(around.state, self.io, arm.name)
@@ -54,6 +55,7 @@ class Control:
         self.motion = Motion(self.joints, arm.jerk_time_s)
         self._effort_limits = EffortLimits(around.motors, self.joints)
         self.efforts = Efforts(self.cartesian, self._effort_limits, self.joints.size, arm.effort_timeout_s)
+        self.walls = Walls(arm, around.walls, self, lambda: machine.state in AT_HOME)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
         self.streams, self._base_steps = Streams(simulated=around.simulated), BaseSteps()
         self.gravity = Weight(arm)
@@ -65,11 +67,8 @@ class Control:
         self.homed_generation = 0
         self.held = False
         """After a restart the joint controller was on, in a state that does not use it: it only holds."""
-        self.now_ns = 0
         self._moves: dict[str, tuple[Request, str]] = {}
         """Moves in progress, with the clipped parts of their goals."""
-        self._reported_ns: dict[Code, int] = {}
-        self._episodes_ns: dict[Code, int] = {}
         self.use(self.joints)
 
     def use(self, joints: JointSpace) -> None:
@@ -86,6 +85,8 @@ class Control:
         self.cartesian.use(joints)
         self.record.use(joints)
         self.setpoint.use(joints, self.motion, self.gravity.effort, self.io.position)
+        self.walls.use(joints)
+        self.place_walls()
         self.motion.hold(self.io.setpoint if kept is None else joints.to_joint @ kept, NONE)
         self.goal, self._velocity = self.motion.asked, np.zeros(joints.size)
         self._clipped, self._efforts_clipped = Clipping(joints.size), Clipping(joints.size)
@@ -94,35 +95,15 @@ class Control:
         """The base has moved, see `Cartesian.set_base`; a step ends streams in the base's frame."""
         why = self._base_steps.step(base, self.now_ns)
         self.cartesian.set_base(base)
+        self.place_walls()
         motion = self.motion
         springs = motion.mode is EFFORT and self.efforts.law is Law.IMPEDANCE
         if why and motion.space is Space.CARTESIAN and (motion.mode is POSITION or springs):
             self.end_streams(why, (StreamKind.POSITION, StreamKind.EFFORT))
 
-    # reports
-
-    def status(self, text: str) -> None:
-        """Report a status of this arm."""
-        self.reports.status(f"{self.arm.name}: {text}", self.arm.name)
-
-    def report(self, code: Code, text: str, every_ns: int = 0, has_remedy: bool = False) -> None:
-        """Report a warning, or an error that does not stop this arm; the same code again only after `every_ns`."""
-        if self.now_ns - self._reported_ns.get(code, -NEVER_NS) >= every_ns:
-            self._reported_ns[code] = self.now_ns
-            self.reports.report(code, f"{self.arm.name}: {text}", self.arm.name, has_remedy=has_remedy)
-
-    def refusal(self, code: Code, name: str, reason: str, every_ns: int = 0, *,
-                has_remedy: bool = False) -> CommandRefused:
-        """Report the refusal of command `name`; returns the exception to raise. `has_remedy`: see Events.report."""
-        self.report(code, f"{name}: {reason}", every_ns, has_remedy)
-        return CommandRefused(reason)
-
-    def report_episode(self, code: Code, text: str) -> None:
-        """Report a repeated condition once, until it has been absent for a while."""
-        last_ns = self._episodes_ns.get(code, -NEVER_NS)
-        self._episodes_ns[code] = self.now_ns
-        if self.now_ns - last_ns >= EPISODE_NS:
-            self.report(code, text)
+    def place_walls(self) -> None:
+        """Walls, or the base frame, have changed."""
+        self.walls.place(self.cartesian, self.motion.governor)
 
     # goals of the joints; `goal` belongs to the current command
 
@@ -177,19 +158,27 @@ class Control:
         governor, joints = self.motion.governor, self.joints
         if governor.most.item() > LATE_S and self._is_streaming:
             self._report_slow()
-        lag_s, axis = governor.lag()
+        lag_s, axis = self._lag()
         must_clip, outside = not governor.is_inside or joints.paired is not None, joints.none
         if lag_s <= MAX_LAG_S and not must_clip:
             return outside
         is_running = self._is_streaming
         if must_clip and is_running:
             outside = self._clip()
-            lag_s, axis = governor.lag()
+            lag_s, axis = self._lag()
         if lag_s > MAX_LAG_S:
             far, unit, allowed = abs(self.goal[axis] - self.here[axis]), joints.unit(axis), governor.speed[axis]
             raise self.jump(name, f"{joints.name(axis)} is {far:.3g} {unit} from the setpoint; "
                                   f"{allowed * MAX_LAG_S:.3g} {unit} is allowed", "move there first (move_jp, move_cp)")
         return self._clip() if must_clip and not is_running else outside
+
+    def _lag(self) -> tuple[float, int]:
+        """Distance to `goal` in s at the largest speed, and its joint; from the last goal, while a wall keeps from it.
+        """
+        governor = self.motion.governor
+        usual = governor.lag()
+        ways = self.walls.ways_from_last(self.here, self.goal) if self._is_streaming else None
+        return usual if ways is None else (float(ways.max()), int(ways.argmax()))
 
     @property
     def _is_streaming(self) -> bool:
@@ -239,10 +228,16 @@ class Control:
         """Follow `goal`, from a stream of commands `name`, with a velocity feed for the arm's joints (count,)."""
         outside = self._take_goal(name)
         text = self._say_clipped(outside)
+        wall = self.walls.allow(self.here, self.goal)
         if velocity is not None:
             velocity = self._feed(velocity)
             if text:
                 velocity[outside] = 0.0
+            if wall:
+                velocity[...] = 0.0
+        if wall:
+            self.report_episode(codes.AT_WALL, f"at wall {wall}")
+            text = f"at wall {wall}"
         self.motion.space = space
         self._end_efforts()
         self.motion.servo(self.goal, velocity, self.now_ns, jaw_moves=self._leave_jaw())
@@ -337,6 +332,8 @@ class Control:
         outside = self._clip()
         text = self._say_clipped(outside, asked)
         motion, now_ns, is_jaw = self.motion, self.now_ns, what == JAW_MOVE
+        if why := "" if is_jaw else self.walls.objection(self.here, self.goal):
+            raise self.refusal(codes.WALL_IN_THE_WAY, request.name, why, REPORT_NS)
         reason = (motion.move_jaw(self.goal[-1].item(), now_ns) if is_jaw and motion.is_streaming(now_ns)
                   else motion.move(self.goal, self.io.velocity, now_ns, jaw=is_jaw))
         if reason:
@@ -370,6 +367,8 @@ class Control:
 
     def watch_move(self) -> None:
         """Once a cycle: a move ends when all joints have arrived, or ARRIVE_NS after its trajectory."""
+        if self.motion.stopped:
+            self.move_ended(False, f"wall {self.walls.stopped_by} is in the way")
         if not self.machine.moving or self.motion.moving or self.motion.jaw_moves:
             return
         short = self.short()

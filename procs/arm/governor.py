@@ -50,8 +50,8 @@ class Governor:
     It works on arrays (size,) of a motion, which stay the same objects. `lower`, `upper` (size,): limits of the joints;
     `is_inside`: the last goal in `asked` is within them.
 
-    `clip` is for walls: it may change the setpoint (size,) of this cycle, in place, and returns the reason, "" without
-    a change; the reason of the newest cycle is in `clipped`.
+    `clip` is for walls: from the last setpoint, the one of this cycle, which it may change in place, and the time
+    between them in s, it returns whether it changed it; of the newest cycle, `clipped`.
     """
 
     def __init__(self, of: Motion, speed: Array, acceleration: Array, lower: Array, upper: Array) -> None:
@@ -61,8 +61,8 @@ class Governor:
         self.lower, self.upper, self.is_inside = lower, upper, True
         self.size = len(speed)
         self.rate, self.behind, self.most = np.zeros(self.size), np.zeros(self.size), np.zeros(1)
-        self.clip: Callable[[Array], str] | None = None
-        self.clipped = ""
+        self.clip: Callable[[Array, Array, float], bool] | None = None
+        self.clipped = False
         self._advance, self._measure = chosen(GOVERNOR, self)
 
     def of_last(self) -> Governor:
@@ -91,10 +91,10 @@ class Governor:
             return self._advance(dt, has_feed) != 0
         before = self.goal.copy()
         moves = bool(self._advance(dt, has_feed))
-        self.clipped = self.clip(self.goal)
+        self.clipped = self.clip(before, self.goal, dt)
         if self.clipped:
             np.divide(self.goal - before, dt, out=self.rate)
-        return moves or bool(self.clipped)
+        return moves or self.clipped
 
     def lag(self) -> tuple[float, int]:
         """Distance to `asked`, in s at the largest speed, and its joint."""

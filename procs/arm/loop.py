@@ -127,7 +127,7 @@ class ArmLoop(runtime.Loop):
         io = node.document.io(arm.io)
         place = place_in(io, arm)
         self._io = LastGood(node.reads(arm.io, "state"))
-        self._setpoint, self._state = node.writes("setpoint"), node.writes("state")
+        self._setpoint, self._state, self._walls = (node.writes(name) for name in ("setpoint", "state", "walls"))
         faults, events = node.fault_cell(), node.reads(arm.io, "events")
         self._mailbox = node.mailbox(faults)
         self.arm = logic_of(arm)(arm, ArmContext(
@@ -137,7 +137,7 @@ class ArmLoop(runtime.Loop):
             power_report=power_reports(self._io.field, io, place), io_stall=io_stalls(events, arm.io),
             gripper=gripper_in(io, arm), setup_base=setup_base(node, arm), motors=motor_efforts(place.robot),
             reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader),
-            stall=node.stall, simulated=node.simulated, faults=faults))
+            stall=node.stall, simulated=node.simulated, walls=self._walls.field, faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         node.follows(arm.io)
@@ -198,6 +198,8 @@ class ArmLoop(runtime.Loop):
         self._resting = self._resting + 1 if self.arm.at_rest else 0
         self._setpoint.publish(now_ns)
         self._state.publish(now_ns)
+        if self.arm.control.walls.show(self.arm.control.here, now_ns):
+            self._walls.publish(now_ns)
         node.follow(int(self.written), BEHIND_IO_NS)
 
 

@@ -70,6 +70,8 @@ class Motion:
         """While the others move, the jaw follows its target."""
         self.jaw_moves = False
         """While the others follow a stream, the jaw moves."""
+        self.stopped = False
+        """A wall ended the move of the last cycle."""
         self._stepped_ns, self._rested = 0, True
         self.use(joints)
 
@@ -249,7 +251,7 @@ class Motion:
 
     def step(self, now_ns: int) -> None:
         """Advance to `now_ns`."""
-        passed_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
+        passed_ns, self._stepped_ns, self.stopped = now_ns - self._stepped_ns, now_ns, False
         self._step(now_ns, min(passed_ns, WOKEN_STEP_NS) if self._rested else passed_ns)
         self._rested = self.settled and not (self.moving or self.drifting)
 
@@ -257,7 +259,11 @@ class Motion:
         if self.moving:
             if self.jaw_streams:
                 self._jaw_governor.step(passed_ns, has_feed=False)
+            before = self.goal.copy() if self.governor.clip is not None else None
             self._advance(now_ns)
+            if before is not None and self.governor.clip is not None and self.governor.clip(before, self.goal, 0.0):
+                self.hold(self.goal.copy())
+                self.stopped = True
             return
         if self.has_velocity and now_ns - self._served_ns >= STREAM_NS:
             self.has_velocity = self.drifting = False
@@ -271,6 +277,8 @@ class Motion:
             self.settled = False
         if not self.settled and self.mode is POSITION:
             self.settled = not self.governor.step(passed_ns, has_feed=self.has_velocity)
+            if self.drifting and self.governor.clipped:
+                self.target[...] = self.goal
 
     def _drift(self, passed_ns: int) -> None:
         target, velocity = self.target, self.feed_velocity

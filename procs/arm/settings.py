@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -33,6 +33,8 @@ class Settings:
             "trajectory_j/set_ratio_a": ArmCommandRow(
                 lambda request: self._set_ratios(control.motion.ratio_v, request.values[0])),
             "set_base_frame": ArmCommandRow(self._set_base_frame),
+            "add_wall": ArmCommandRow(lambda request: self._change_walls(request, control.walls.add)),
+            "remove_wall": ArmCommandRow(lambda request: self._change_walls(request, control.walls.remove)),
             "use_gravity_compensation": ArmCommandRow(self._use_gravity_compensation),
             "forward_kinematics": ArmCommandRow(self._forward),
             "local/forward_kinematics": ArmCommandRow(
@@ -41,6 +43,10 @@ class Settings:
             "actuator_to_joint_position": ArmCommandRow(self._actuator_to_joint),
             "crtk_version": ArmCommandRow(lambda _: CRTK_VERSION),
         }
+
+    def _change_walls(self, request: Request, change: Callable[[Request], None]) -> None:
+        change(request)
+        self._control.place_walls()
 
     def _set_ratios(self, v: float, a: float) -> None:
         control = self._control

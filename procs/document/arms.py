@@ -10,6 +10,7 @@ from typing import Annotated, Final
 from trocar.procs.document.bridges import RosArm
 from trocar.procs.document.keys import Key
 from trocar.procs.document.user_process import UserCommand
+from trocar.procs.document.walls import Wall
 
 Matrix = tuple[tuple[float, ...], ...]
 MASTER_JOINTS: Final = 7
@@ -187,6 +188,9 @@ class ArmConfig:
     effort_speed_ratio: Annotated[float, Key(0.0, 5.0, "times the usual limits of speed in effort mode; 0: none")] = 1.0
     effort_zone_ratio: Annotated[
         float, Key(0.0, 5.0, "times the usual zones of the soft walls at joint limits; 0: none")] = 1.0
+    jaw_length: Annotated[
+        float, Key(0.0, 0.1, "m, for walls: of jaws, from their hinge, which is the tip of the kinematics")] = 0.02
+    walls: tuple[Wall, ...] = ()
     meshes: tuple[MeshLink, ...] = ()  # of a checkout of dvrk_model, parents first
     source: str = ""
     derived: str = ""  # a user's class for its process, module:Class; "": the class of its type

@@ -206,6 +206,15 @@ INVERSE_KINEMATICS: Final = Code(
 AT_LIMIT: Final = Code(
     "at-limit", WARNING, "arm", "a pose of a stream is out of reach; the arm follows along its limit",
     "move the goal back")
+AT_WALL: Final = Code(
+    "at-wall", WARNING, "arm", "a goal of a stream is beyond a wall; the arm stays on its allowed side",
+    "move the goal back; docs/walls.md says how to remove a wall")
+WALL_IN_THE_WAY: Final = Code(
+    "wall-in-the-way", WARNING, "arm", "a move would cross a wall; it was refused",
+    "move round the wall in several moves, or remove it (docs/walls.md)")
+WALL_OFF: Final = Code(
+    "wall-off", WARNING, "arm", "walls in the reference frame are off because that frame is not known",
+    "set the base frame, or home the setup joints")
 CLIPPED: Final = Code(
     "clipped", WARNING, "arm", "a goal was beyond the limits of a joint; clipped", "give goals within the joint limits")
 EFFORT_CLIPPED: Final = Code(

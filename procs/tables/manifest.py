@@ -135,7 +135,7 @@ PROCS: tuple[Proc, ...] = (
          sizes.of_io, "io", reserved=0.6, budget_us=300,
          on_kill="boards whose watchdog is on have switched its amplifiers off"),
     Proc("arm", 1 / 1500, LATE_S, 3.0, "io holds its position; a restart recovers its state",
-         ("state", "setpoint"), ("operating_state", "goal_reached"),
+         ("state", "setpoint", "walls"), ("operating_state", "goal_reached"),
          lambda system: [ProcessInstance(arm.name, arm.period_s, (arm.io,)) for arm in system.arms],
          sizes.of_arm, "arm", woken=True, phase=0.5, budget_us=150, rest_s=0.01),
     Proc("suj", 1 / 500, LATE_S, 3.0, "brakes engage and base frames become unknown; a restart recovers its state",

@@ -24,7 +24,7 @@ from trocar.shm.mailbox.client import Reply
 from trocar.shm.mailbox.guard import unauthorized
 from trocar.shm.mailbox.origins import Origin
 from trocar.shm.memory.layout import schema_of
-from trocar.shm.topics import ARM_STATE, IO_STATE, SETPOINT
+from trocar.shm.topics import ARM_STATE, ARM_WALLS, IO_STATE, SETPOINT
 
 AXES = 7
 PERIOD_NS = 2_000_000
@@ -290,7 +290,7 @@ class ArmHarness:
         self.kind, self.inputs, self.has_brakes = kind, inputs or {}, has_brakes
         self.io = self.make_io()
         self.state = Record(ARM_STATE)
-        self.setpoint = Record(SETPOINT)
+        self.setpoint, self.walls = Record(SETPOINT), Record(ARM_WALLS)
         self.start_arm()
 
     def make_io(self) -> FakeIo:
@@ -304,7 +304,7 @@ class ArmHarness:
             self.io.record.field, 1, 2, self.inputs, self.has_brakes, self.io, self.state.field, self.setpoint.field,
             self.reports, lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}"),
             gripper=0 if self.document.gripper else -1, reading=lambda: self.io.reading,
-            io_stall=lambda since_ns: self.io.stall, stall=stall))
+            io_stall=lambda since_ns: self.io.stall, walls=self.walls.field, stall=stall))
 
     def press(self, name: str, on: bool = True) -> None:
         """A digital input of io, from the next cycle on."""
@@ -318,6 +318,7 @@ class ArmHarness:
                 request.origin = Origin(PERSON.id, self.io.cell.valid_from, PERSON.program)
         self.io.cycle(self.now_ns, self.setpoint)
         self.arm.step(self.now_ns, self.io.stamp_ns, self.io.epoch, requests)
+        self.arm.control.walls.show(self.arm.control.here, self.now_ns)
 
     def run(self, seconds: float) -> None:
         """Let time pass."""

@@ -140,19 +140,20 @@ def test_velocities_that_come_with_a_target_are_bounded() -> None:
     assert made.velocity.tolist() == [2.0, -0.2, -20.0]
 
 
-def test_a_wall_may_clip_the_setpoint_and_says_why() -> None:
+def test_a_wall_may_clip_the_setpoint() -> None:
     made = governor()
 
-    def wall(setpoint: Any) -> str:
+    def wall(before: Any, setpoint: Any, seconds: float) -> bool:
+        assert before[0] <= setpoint[0] and seconds > 0.0
         if setpoint[0] <= 0.01:
-            return ""
+            return False
         setpoint[0] = 0.01
-        return "yaw is at the wall"
+        return True
 
     made.clip = wall
     for _ in range(100):
         moves = step(made, 0.02)
-    assert made.goal.tolist() == [0.01, 0.02, 0.02] and made.clipped == "yaw is at the wall" and moves
+    assert made.goal.tolist() == [0.01, 0.02, 0.02] and made.clipped and moves
 
 
 def recording(name: str) -> Any:

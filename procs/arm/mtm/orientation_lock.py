@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.arm.arm_commands import ArmCommandRow, Ready, Table
-from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.control import Control
 from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.arm.reports import REPORT_NS
 from trocar.procs.kinematics.inverse.master import Master
 from trocar.procs.kinematics.poses import Array, given_pose
 from trocar.procs.kinematics.trajectory import Trajectory

@@ -10,8 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.control import Control
 from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.reports import REPORT_NS
 from trocar.procs.document.system import Tool
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.requests import CommandRefused

@@ -10,12 +10,13 @@ import numpy as np
 from trocar.procs.arm.arm import ArmLogic
 from trocar.procs.arm.arm_commands import ArmCommandRow, Ready
 from trocar.procs.arm.context import ArmContext
-from trocar.procs.arm.control import JAW_MOVE, REPORT_NS
+from trocar.procs.arm.control import JAW_MOVE
 from trocar.procs.arm.joints import JointSpace, joints
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.psm.attachment import Attachment, AttachmentState
 from trocar.procs.arm.psm.cannula import Cannula
 from trocar.procs.arm.psm.detection import Detection
+from trocar.procs.arm.reports import REPORT_NS
 from trocar.procs.arm.stages.engaging import Engaging
 from trocar.procs.arm.stages.homed import Homed
 from trocar.procs.arm.states import ArmEvent, ArmState

@@ -36,6 +36,7 @@ from trocar.procs.config.loading.third_parties import (
     warn_of_components,
 )
 from trocar.procs.config.loading.user_code import load_user_processes, with_tasks
+from trocar.procs.config.loading.walls import with_walls
 from trocar.procs.config.models.system_file import (
     PERIOD_S,
     PROTOCOLS,
@@ -150,7 +151,7 @@ def _load(system: SystemFiles, name: str | None, machine: Machine, records: bool
     if options.clock in _SIMULATED and third_parties:
         text = f"{', '.join(row.name for row in third_parties)}: a third-party program does not wait for us"
         system.error("trocar.clock", text, "wall")
-    rows = with_base_frames([loaded.commanded for loaded in arms if loaded.starts], carts)
+    rows = with_walls(system, with_base_frames([loaded.commanded for loaded in arms if loaded.starts], carts))
     operation = load_consoles(system, [row.name for row in rows], carts, third_parties)
     system_name = name or re.sub(r"[^A-Za-z0-9_-]", "_", system.source.path.stem)[:40]
     if not is_name(system_name):

@@ -26,6 +26,7 @@ from trocar.procs.document.system import (
     WebConsole,
 )
 from trocar.procs.document.user_process import WORD, UserCommand, UserTopic
+from trocar.procs.document.walls import Wall
 
 
 def _as_addresses(value: object) -> object:
@@ -304,6 +305,7 @@ class TrocarSection(Section):
     placement: Literal["auto", "none"] = "auto"
     io: IoOptions = IoOptions()
     arm: ArmOptions = ArmOptions()
+    walls: Rows[Keys[Wall]] = ()
     emulation: EmulationOptions = EmulationOptions()
     logs: LogOptions = LogOptions()
     ros: RosOptions | None = None

@@ -1,0 +1,288 @@
+"""The walls of an arm: kept in every setpoint of the homed arm, changed by commands, and shown in a record.
+
+Walls of the system file come with the document, those of commands from the last record, so that a new process has both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.governor import Governor
+from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.reports import REPORT_NS, ArmReports
+from trocar.procs.document.system import ArmConfig
+from trocar.procs.document.walls import BASE, FRAMES, PARTS, REFERENCE, SHAPES, SIDES, SIZES, Wall
+from trocar.procs.kinematics.poses import Array, given_pose, pose_from_matrix
+from trocar.procs.kinematics.walls.body import CAMERA, THICK, THIN, ArmBody
+from trocar.procs.kinematics.walls.walls import MOST, SLOWING_S, ArmWalls, objection_to, pose_of
+from trocar.procs.node.inputs import Fields
+from trocar.procs.node.requests import CommandRefused
+from trocar.procs.tables import codes
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.shm.mailbox.received import Request
+
+POSE: Final = 7
+NAME_BYTES: Final = 24
+SHOWN_NS: Final = 33_000_000
+NEAR_S: Final = 0.02
+"""A stream that was stopped by a wall has caught up when its goal is so near, in s at the largest speed."""
+WORDS: Final = (*SIDES, *PARTS, *FRAMES)
+
+
+@dataclass(slots=True)
+class KeptWall:
+    """One wall, and whether a command added it."""
+
+    wall: Wall
+    pose: Array
+    by_command: bool = False
+    active: bool = False
+
+
+class Walls:
+    """Keeps setpoints of an arm's joints where its walls allow them."""
+
+    def __init__(self, arm: ArmConfig, field: Fields | None, reports: ArmReports, is_on: Callable[[], bool]) -> None:
+        """`field` gives the arrays of the record `walls`, still with the previous process's; `is_on`: the arm is homed.
+        """
+        self._arm, self._field, self._reports, self._is_on = arm, field, reports, is_on
+        self._kept = [KeptWall(wall, pose_of(wall)) for wall in arm.walls]
+        names = [wall.name for wall in arm.walls]
+        if field is not None:
+            self._kept += [kept for kept in _added_before(field, arm) if kept.wall.name not in names]
+        self._limits: ArmWalls | None = None
+        self._to_base: Array | None = np.eye(4)
+        self._count = 0
+        self._wanted: Array | None = None
+        """The joints (count,) of the last goal of a stream from which a wall keeps the arm."""
+        self.stopped_by = ""
+        """The wall that changed the setpoint of the last cycle, or the last goal."""
+        self._shown_ns, self._shown = 0, ("", b"")
+        self.is_news = True
+        """The record has changed."""
+
+    def use(self, joints: JointSpace) -> None:
+        """Use another joint space."""
+        self._count, self._limits, self._wanted, self.stopped_by = joints.count, None, None, ""
+        self._speed = joints.servo_speed[: joints.count].copy()
+        if joints.kinematics is not None:
+            body = body_of(self._arm, joints)
+            n = joints.count
+            self._limits = ArmWalls(joints.kinematics, body, joints.lower[:n], joints.upper[:n], joints.free)
+
+    def place(self, cartesian: Cartesian, governor: Governor) -> None:
+        """Put all walls where they are now: they have changed, or the base frame has."""
+        self._to_base = cartesian.to_base.copy() if cartesian.base_known else None
+        limits = self._limits
+        for place in range(MOST):
+            if limits is not None:
+                limits.drop(place)
+        for place, kept in enumerate(self._kept):
+            to_base = np.eye(4) if kept.wall.frame == BASE else self._to_base
+            kept.active = limits is not None and to_base is not None
+            if limits is not None and to_base is not None:
+                limits.put(place, kept.wall, to_base @ kept.pose)
+        self.is_news = True
+        governor.clip = self.clip if self._kept else None
+        if lost := [kept.wall.name for kept in self._kept if kept.wall.frame == REFERENCE and self._to_base is None]:
+            self._reports.report(codes.WALL_OFF, f"{', '.join(lost)}: {cartesian.frame} is not known", REPORT_NS)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all walls."""
+        return [kept.wall.name for kept in self._kept]
+
+    @property
+    def guards(self) -> bool:
+        """Whether any wall is active, on a homed arm."""
+        return any(kept.active for kept in self._kept) and self._is_on()
+
+    # setpoints
+
+    def allow(self, here: Array, goal: Array) -> str:
+        """Change the `goal` of a stream (size,) to the nearest one that is allowed from `here`; returns the wall."""
+        limits, n = self._limits, self._count
+        if limits is None or not self.guards:
+            self._wanted = None
+            return ""
+        limits.before[...], limits.goal[...] = here[:n], goal[:n]
+        name = self._name_of(limits.keep(0.0, 0))
+        if name:
+            self._wanted = goal[:n].copy()
+            goal[:n] = limits.goal
+            self.stopped_by = name
+        return name
+
+    def ways_from_last(self, here: Array, goal: Array) -> Array | None:
+        """While a wall keeps a stream from its goals: distances (count,) of a new goal from the last one, in s at the
+        largest speeds; None: it is to be judged from the setpoint, as usual.
+        """
+        if self._wanted is None:
+            return None
+        n = self._count
+        if (np.abs(goal[:n] - here[:n]) <= NEAR_S * self._speed).all():
+            self._wanted = None
+            return None
+        return np.asarray(np.abs(goal[:n] - self._wanted) / self._speed)
+
+    def clip(self, before: Array, goal: Array, seconds: float) -> bool:
+        """Bound the setpoint `goal` (size,) of a cycle of so many seconds; returns whether it changed.
+
+        0 seconds: a point of a move, which only stops.
+        """
+        limits, n = self._limits, self._count
+        if limits is None or not self.guards:
+            self.stopped_by = ""
+            return False
+        limits.before[...], limits.goal[...] = before[:n], goal[:n]
+        if not seconds:
+            name = self._name_of(limits.way())
+            limits.goal[...] = before[:n]
+        else:
+            np.multiply(self._speed, seconds, out=limits.step)
+            name = self._name_of(limits.keep(min(1.0, seconds / SLOWING_S), 1))
+        if name:
+            goal[:n] = limits.goal
+        self.stopped_by = name or ("" if self._wanted is None else self.stopped_by)
+        return bool(name)
+
+    def objection(self, here: Array, goal: Array) -> str:
+        """Why a move from `here` to `goal` (size,) would cross a wall; "": it does not."""
+        limits, n = self._limits, self._count
+        if limits is None or not self.guards:
+            return ""
+        limits.before[...], limits.goal[...] = here[:n], goal[:n]
+        pair = limits.way()
+        if not pair:
+            return ""
+        limits.look()
+        beyond = limits.value.ravel().item(pair - 1)
+        how = f", and {-1e3 * beyond:.1f} mm beyond it at the end" if beyond < 0.0 else ""
+        return f"wall {self._name_of(pair)} is in the way after {100.0 * limits.share.item():.0f} % of it{how}"
+
+    def push(self, position: Array, velocity: Array, effort: Array) -> None:
+        """Add the efforts of soft walls to those of the joints (size,), at measured positions and velocities (size,).
+        """
+        limits, n = self._limits, self._count
+        if limits is None or not self.guards:
+            return
+        limits.goal[...], limits.rates[...] = position[:n], velocity[:n]
+        if limits.push():
+            effort[:n] += limits.efforts
+
+    def _name_of(self, pair: int) -> str:
+        """The wall of a pair plus 1; 0: ""."""
+        return "" if not pair or self._limits is None else self._kept[(pair - 1) // self._limits.s].wall.name
+
+    # commands
+
+    def add(self, request: Request) -> None:
+        """A wall from now on: its name, shape and other words in the text; pose, size and margin in the values."""
+        wall = wall_of(request.text, request.values)
+        if wall.name in self.names:
+            raise CommandRefused(f"there is a wall {wall.name}; remove_wall first, or take another name")
+        if len(self._kept) == MOST:
+            raise CommandRefused(f"{MOST} walls are the most")
+        why = objection_to(wall, self._arm.type)
+        if why:
+            raise CommandRefused(why)
+        self._kept.append(KeptWall(wall, given_pose(request.values[:POSE]), by_command=True))
+
+    def remove(self, request: Request) -> None:
+        """Without the wall of this name."""
+        name = request.text.strip()
+        there = [kept for kept in self._kept if kept.wall.name != name]
+        if len(there) == len(self._kept):
+            raise CommandRefused(f"no wall {name}; there are: {', '.join(self.names) or 'none'}")
+        self._kept, self._wanted, self.stopped_by = there, None, ""
+
+    # the record
+
+    def show(self, here: Array, now_ns: int) -> bool:
+        """Fill the record for the setpoint `here` (size,); returns whether it is to be published."""
+        field, limits = self._field, self._limits
+        if field is None or (not self.is_news and (not self._kept or now_ns - self._shown_ns < SHOWN_NS)):
+            return False
+        self._shown_ns = now_ns
+        least: Array = np.full(MOST, math.nan)
+        if limits is not None:
+            limits.goal[...] = here[: self._count]
+            limits.look()
+            least = limits.value.min(axis=1)
+        shown = (self.stopped_by, least.tobytes())
+        if not self.is_news and shown == self._shown:
+            return False
+        self._shown = shown
+        field("stopped_by")[...] = self.stopped_by.encode()
+        active = np.array([kept.active for kept in self._kept] + [False] * (MOST - len(self._kept)))
+        field("distance")[...] = np.where(active & np.isfinite(least), least, math.nan)
+        if self.is_news:
+            self.is_news = False
+            self._show_all(field)
+        return True
+
+    def _show_all(self, field: Fields) -> None:
+        field("count")[...] = len(self._kept)
+        for name in ("name", "shape", "keep", "of", "frame", "pose", "size", "margin", "by_command", "active"):
+            field(name)[...] = np.zeros_like(field(name))
+        for place, kept in enumerate(self._kept):
+            wall = kept.wall
+            for name in ("name", "shape", "keep", "of", "frame"):
+                field(name)[place] = getattr(wall, name).encode()
+            pose_from_matrix(kept.pose, field("pose")[place])
+            field("size")[place, : len(wall.size)] = wall.size
+            field("margin")[place] = wall.margin
+            field("by_command")[place], field("active")[place] = kept.by_command, kept.active
+
+
+def body_of(arm: ArmConfig, joints: JointSpace) -> ArmBody:
+    """The body of an arm with the instrument or endoscope of a joint space."""
+    assert joints.kinematics is not None
+    thick = CAMERA if ARM_TYPES[arm.type].has_endoscope else THIN if joints.free is not None else THICK
+    return ArmBody(joints.kinematics, thick, arm.jaw_length if joints.has_jaw else 0.0)
+
+
+def wall_of(text: str, values: Array) -> Wall:
+    """The wall of a command; CommandRefused with what is wrong."""
+    words = text.split()
+    if len(words) < 2 or words[1] not in SHAPES:
+        raise CommandRefused(f"a name and a shape are needed first; shapes: {', '.join(SHAPES)}")
+    name, shape, *others = words
+    if len(name.encode()) > NAME_BYTES or not name.replace("_", "").replace("-", "").isalnum():
+        raise CommandRefused(f"name {name}: letters, digits, _ and -, at most {NAME_BYTES}")
+    if unknown := [word for word in others if word not in WORDS]:
+        raise CommandRefused(f"{', '.join(unknown)}: allowed are {', '.join(WORDS)}")
+    needed = SIZES[shape]
+    if not POSE + needed <= len(values) <= POSE + needed + 1:
+        raise CommandRefused(f"a {shape} needs {POSE + needed} numbers, and may have its margin after them")
+    size, margin = values[POSE : POSE + needed], values[POSE + needed :]
+    wall = Wall(name, shape, tuple(values[:3].tolist()), tuple(values[3:POSE].tolist()), tuple(size.tolist()),
+                margin=float(margin[0]) if len(margin) else 0.0)
+    for word in others:
+        wall = (replace(wall, keep=word) if word in SIDES else replace(wall, of=word) if word in PARTS
+                else replace(wall, frame=word))
+    return wall
+
+
+def _added_before(field: Fields, arm: ArmConfig) -> list[KeptWall]:
+    """Walls that commands added, from the record of the previous process; none if there was none."""
+    found = []
+    for place in range(min(int(field("count").item()), MOST)):
+        if not field("by_command")[place]:
+            continue
+        texts: dict[str, Any] = {name: bytes(field(name)[place]).rstrip(b"\0").decode(errors="replace")
+                                 for name in ("name", "shape", "keep", "of", "frame")}
+        pose, size = field("pose")[place].tolist(), field("size")[place].tolist()
+        if texts["shape"] not in SIZES or texts["of"] not in PARTS or texts["keep"] not in SIDES:
+            continue  # torn
+        wall = Wall(**texts, position=tuple(pose[:3]), orientation=tuple(pose[3:]),
+                    size=tuple(size[: SIZES[texts["shape"]]]), margin=float(field("margin")[place]))
+        if not objection_to(wall, arm.type):
+            found.append(KeptWall(wall, pose_of(wall), by_command=True))
+    return found

@@ -1,0 +1,39 @@
+"""Walls in the document: where an arm may not go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+from trocar.procs.document.keys import Key
+
+PLANE, BOX, SPHERE, CYLINDER, CONE, CAPSULE = SHAPES = ("plane", "box", "sphere", "cylinder", "cone", "capsule")
+SIZES: Final = {PLANE: 0, BOX: 3, SPHERE: 1, CYLINDER: 2, CONE: 1, CAPSULE: 2}
+"""Numbers of the size of each shape."""
+TIP, JAW, SHAFT, INSTRUMENT = PARTS = ("tip", "jaw", "shaft", "instrument")
+OUT, IN = SIDES = ("out", "in")
+BASE, REFERENCE = FRAMES = ("base", "reference")
+FARTHEST: Final = 10.0  # m
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """One shape that a part of an arm keeps out of, or in.
+
+    `size`: box: its three edges; sphere: its radius; cylinder and capsule: radius and length; cone: half of its angle.
+    """
+
+    name: Annotated[str, Key(pattern=r"^[A-Za-z0-9_-]{1,24}$", text="letters, digits, _ and -, at most 24",
+                             min_length=1)]
+    shape: Annotated[str, Key(choices=SHAPES, min_length=1)]
+    position: Annotated[tuple[float, ...], Key(-FARTHEST, FARTHEST, "m: of the middle; of a plane, any point of it; of "
+                                               "a cone, its apex; of a capsule, one end", length=3)] = (0.0, 0.0, 0.0)
+    orientation: Annotated[tuple[float, ...], Key(-1.0, 1.0, "quaternion x y z w; a plane is solid below its z, z is "
+                                                  "the axis of cylinder, cone and capsule", length=4)] = (0.0, 0.0,
+                                                                                                          0.0, 1.0)
+    size: Annotated[tuple[float, ...], Key(0.0, FARTHEST, "m; cone: rad", above=True)] = ()
+    keep: Annotated[str, Key(choices=SIDES)] = OUT
+    of: Annotated[str, Key(choices=PARTS)] = INSTRUMENT
+    frame: Annotated[str, Key(choices=FRAMES)] = BASE
+    margin: Annotated[float, Key(0.0, 0.1, "m of distance that is kept besides")] = 0.0
+    arms: Annotated[tuple[str, ...], Key(text="names of PSMs, ECMs and MTMs; none: all PSMs")] = ()

@@ -1,0 +1,290 @@
+"""Keeps a setpoint where its arm may be: the joints next to a goal from which no part of the arm enters a wall.
+
+The distance of each pair of a wall and a segment of the arm (`value`) must not become less than 0; a pair that is
+inside already must not go deeper. Among the joints that keep this, those count as nearest to the goal whose tip is
+nearest to it (the metric H = Jᵀ·J of the tip, in which a radian weighs like `TURN` metres). They are found by a few
+steps of sequential quadratic programming, each of which takes walls for planes:
+
+    least (x - x*)ᵀ · H · (x - x*)   with   value + slope · (x - present) >= least value,   joints within limits,
+    x*: the joints that would take the tip to its goal
+
+by Hildreth's method. At the end the whole straight way to the joints found is checked; a part of it is taken where a
+wall is in it, so that an error of the approximation costs reach and never safety.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from trocar.procs.document.walls import BOX, CONE, CYLINDER, IN, JAW, SHAFT, SHAPES, SIZES, Wall
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.frames import Frame, body_jacobian, twist_between
+from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised
+from trocar.procs.kinematics.walls import shapes
+from trocar.procs.kinematics.walls.body import PART_BITS, ArmBody
+from trocar.procs.kinematics.walls.shapes import Nearest
+from trocar.procs.native.library import chosen
+from trocar.procs.native.walls_fields import WALLS
+from trocar.procs.tables.arm_types import ARM_TYPES
+
+MOST: Final = 16
+"""Walls of one arm."""
+SLOWING_S: Final = 0.05
+"""The distance of a setpoint from a wall shrinks with this time constant at most: it slows down, and does not hit."""
+
+
+class ArmWalls:
+    """Walls of one arm with its instrument, all in the arm's base.
+
+    `before`, `goal` (n,): the present joints and those to go to; `step` (n,): largest change in one cycle. `value` (w,
+    s): see above; inf where a wall does not concern a segment.
+    """
+
+    HALVINGS, SAMPLES, SWEEPS, STEPS = shapes.HALVINGS, 400, 40, 6
+    GRAIN = 5e-4
+    """m: a way is checked at least so finely, unless `SAMPLES` are not enough."""
+    NEAR = 0.1
+    """m: walls farther away do not slow down."""
+    SAFE = 1e-7
+    """m: aim of the approximation, so that the result is inside the allowed space."""
+    TINY, SMALL, FLAT = 1e-12, 1e-9, 1e-9
+    TURN = 0.02
+    ZONE, SPRING, DAMPER, LARGEST = 0.01, 500.0, 20.0, 10.0
+    """Before a wall in effort mode: m, N/m, N·s/m, N."""
+
+    def __init__(self, kinematics: Kinematics, body: ArmBody, lower: Array, upper: Array, free: Array | None) -> None:
+        """`lower`, `upper` (n,): limits of the joints; `free` (n, m): joints from independent coordinates."""
+        n = kinematics.n
+        self.kinematics, self.body = kinematics, body
+        self.thickest = float(body.radius.max())
+        self.free = np.eye(n) if free is None else np.ascontiguousarray(free)
+        self.gather = np.ascontiguousarray(np.linalg.pinv(self.free))
+        self.m, self.w, self.p, self.s = self.free.shape[1], MOST, len(body.of), len(body.starts)
+        self.lower, self.upper = np.ascontiguousarray(lower), np.ascontiguousarray(upper)
+        self.before, self.goal, self.step, self.rates, self.efforts = np.zeros((5, n))
+        self.kind, self.keeps_in, self.guards = np.zeros((3, MOST), dtype=np.int64)
+        self.frames, self.size, self.margin = np.zeros((MOST, 3, 4)), np.zeros((MOST, 3)), np.zeros(MOST)
+        self.value, self.share = np.full((MOST, self.s), np.inf), np.zeros(1)
+        self.keep: Callable[[float, int], int]
+        self.way: Callable[[], int]
+        self.look: Callable[[], int]
+        self.push: Callable[[], int]
+        self.keep, self.way, self.look, self.push = chosen(WALLS, self, "by_numpy_")
+
+    def put(self, place: int, wall: Wall, frame: Array) -> None:
+        """Set the wall at `place`, whose pose in the arm's base is `frame` (4, 4)."""
+        self.kind[place], self.keeps_in[place] = SHAPES.index(wall.shape), wall.keep == IN
+        self.guards[place], self.margin[place] = PART_BITS[wall.of], wall.margin
+        self.size[place] = size_of(wall)
+        self.move(place, frame)
+
+    def move(self, place: int, frame: Array) -> None:
+        """A wall is elsewhere now."""
+        self.frames[place] = frame[:3]
+
+    def drop(self, place: int) -> None:
+        """No wall is at `place`."""
+        self.guards[place] = 0
+
+    # the reference of the native library
+
+    def by_numpy_look(self) -> int:
+        """Fill `value` for the joints `goal`."""
+        self.value[...] = _View(self, self.goal, math.inf).values
+        return 0
+
+    def by_numpy_push(self) -> int:
+        """Fill `efforts` with those of springs and dampers before walls, for joints `goal` that move at `rates`."""
+        view = _View(self, self.goal, self.ZONE)
+        self.efforts[...] = 0.0
+        pairs = np.flatnonzero(view.values < self.ZONE).tolist()
+        for pair in pairs:
+            slope = view.slope(pair)
+            force = self.SPRING * (self.ZONE - view.values.flat[pair]) - self.DAMPER * float(slope @ self.rates)
+            self.efforts += max(min(force, self.LARGEST), 0.0) * slope
+        return int(bool(pairs))
+
+    def by_numpy_way(self) -> int:
+        """Whether the straight way from `before` to `goal` is free, or only leads out: 0; else the first pair in it,
+        plus 1, and in `share` how far along it is.
+        """
+        least = np.minimum(_View(self, self.before).values, 0.0)
+        return self._blocked(self.goal, least)
+
+    def by_numpy_keep(self, share: float, is_step: int) -> int:
+        """Change `goal` to the nearest joints that are allowed; returns the pair that prevents more, plus 1, 0: none.
+
+        `is_step`: for one cycle, in which each distance may shrink by this `share`, and each joint move by its `step`.
+        """
+        view = _View(self, self.before)
+        value = view.values
+        slowed = np.where(value < self.NEAR, value * (1.0 - share), 0.0) if is_step else 0.0
+        least = np.where(value <= 0.0, value, slowed)
+        why = self._blocked(self.goal, least)
+        if not why:
+            return 0
+        x, tip = self.before.copy(), _View(self, self.goal).tip
+        for _ in range(self.STEPS):
+            rows, bounds, of = self._bounds(view, x, least, is_step)
+            u, strongest = _bounded(rows, bounds, *view.towards(tip, self.goal - x), self)
+            why = of[strongest] + 1 if of[strongest] >= 0 else why
+            moved = self.free @ u
+            x += moved
+            view = _View(self, x)
+            if np.abs(moved).max() < self.SMALL:
+                break
+        for _ in range(self.HALVINGS):
+            if not self._blocked(x, least, np.zeros(1)):
+                self.goal[...] = x
+                return why
+            x = 0.5 * (x + self.before)
+        self.goal[...] = self.before
+        return why
+
+    def _bounds(self, view: _View, x: Array, least: Array, is_step: int) -> tuple[list[Array], list[float], list[int]]:
+        """Rows (m,) and their bounds for walls that are near and for limits of joints; the pair of each, -1: none."""
+        rows, bounds, of = list[Array](), list[float](), list[int]()
+        for pair in np.flatnonzero(view.values < self.NEAR).tolist():
+            rows.append(view.slope(pair) @ self.free)
+            aim = least.flat[pair] + (0.0 if least.flat[pair] < 0.0 else self.SAFE)  # inside, nothing is pushed out
+            bounds.append(float(aim - view.values.flat[pair]))
+            of.append(pair)
+        low, high = np.minimum(self.lower, self.before), np.maximum(self.upper, self.before)
+        if is_step:
+            low, high = np.maximum(low, self.before - self.step), np.minimum(high, self.before + self.step)
+        for joint in range(len(x)):
+            rows += [self.free[joint], -self.free[joint]]
+            bounds += [float(low[joint] - x[joint]), float(x[joint] - high[joint])]
+            of += [-1, -1]
+        return rows, bounds, of
+
+    def _blocked(self, to: Array, least: Array, share: Array | None = None) -> int:
+        """The first pair that comes nearer than `least` on the straight way from `before`, plus 1; 0: none."""
+        change = to - self.before
+        way, at = float(np.abs(change) @ self.body.reach), 0.0
+        grain = max(self.GRAIN, way / self.SAMPLES)
+        while True:
+            spare = _View(self, self.before + at * change if at < 1.0 else to).values - least
+            found = np.flatnonzero(~(spare >= -self.TINY))
+            if len(found):
+                (self.share if share is None else share)[0] = at
+                return int(found[0]) + 1
+            if at >= 1.0 or not way > 0.0:
+                return 0
+            at = min(1.0, at + max(float(spare.min()), grain) / way)
+
+
+class _View:
+    """The arm at some joints (n,): the distances of all pairs; beyond `enough` they may be less than they are."""
+
+    def __init__(self, walls: ArmWalls, q: Array, enough: float = ArmWalls.NEAR) -> None:
+        self._walls, body = walls, walls.body
+        self._frames: Sequence[Frame] = walls.kinematics.links.frames(q.tolist())
+        spots = zip(body.of.tolist(), body.place.tolist(), strict=True)
+        self._points = [self._point(joint, place) for joint, place in spots]
+        self._found: dict[int, Nearest] = {}
+        self.values = np.full((walls.w, walls.s), np.inf)
+        radius = max(math.dist(point, self._points[0]) for point in self._points) + walls.thickest
+        for wall in np.flatnonzero(walls.guards).tolist():
+            there = self._points[0]
+            all_at_least = self._nearest(wall, there, there).value - radius - walls.margin[wall]
+            if all_at_least > enough:
+                self.values[wall, body.parts & walls.guards[wall] != 0] = all_at_least
+                continue
+            for segment in np.flatnonzero(body.parts & walls.guards[wall]).tolist():
+                ends = self._points[body.starts[segment]], self._points[body.stops[segment]]
+                pair = self._nearest(wall, *ends)
+                wide = 0.0 if SHAPES[walls.kind[wall]] == CONE else body.radius[segment]
+                self._found[wall * walls.s + segment] = pair
+                self.values[wall, segment] = pair.value - (walls.margin[wall] + wide)
+
+    def _nearest(self, wall: int, a: list[float], b: list[float]) -> Nearest:
+        walls = self._walls
+        return shapes.nearest(int(walls.kind[wall]), bool(walls.keeps_in[wall]), walls.frames[wall].ravel().tolist(),
+                              walls.size[wall].tolist(), a, b)
+
+    def _point(self, joint: int, place: list[float]) -> list[float]:
+        if joint < 0:
+            return place
+        f = self._frames[joint]
+        return [f[r] * place[0] + f[r + 1] * place[1] + f[r + 2] * place[2] + f[r + 3] for r in (0, 4, 8)]
+
+    def slope(self, pair: int) -> Array:
+        """How the distance of a pair grows with each joint (n,)."""
+        walls, found, segment = self._walls, self._found[pair], pair % self._walls.s
+        slope = np.zeros(len(self._frames))
+        for end, part in ((walls.body.starts[segment], 1.0 - found.along), (walls.body.stops[segment], found.along)):
+            for joint in range(int(walls.body.of[end]) + 1):
+                f = self._frames[joint]
+                axis = np.array((f[2], f[6], f[10]))
+                away = np.array(self._points[end]) - (f[3], f[7], f[11])
+                moved = axis if walls.kinematics.is_prismatic[joint] else np.cross(axis, away)
+                slope[joint] += part * float(moved @ found.normal)
+        return slope
+
+    @property
+    def tip(self) -> Frame:
+        """The frame of the tip."""
+        return self._walls.kinematics.tip_after(self._frames)
+
+    def towards(self, goal: Frame, way: Array) -> tuple[Array, Array]:
+        """H (m, m), see the module, and the step (m,) that takes the tip to a goal that is a `way` (n,) of the joints.
+        """
+        walls, tip = self._walls, self.tip
+        slides = walls.kinematics.is_prismatic.tolist()
+        rows = np.array(body_jacobian(self._frames, slides, tip)).T @ walls.free
+        rows[3:] *= walls.TURN
+        h = rows.T @ rows + walls.FLAT * np.eye(walls.m)
+        twist = np.array(twist_between(tip, goal)) * walls.TURN
+        twist[:3] = shapes.turned_back(tip, [goal[i] - tip[i] for i in (3, 7, 11)])
+        return h, np.linalg.solve(h, rows.T @ twist + walls.FLAT * (walls.gather @ way))
+
+
+def _bounded(rows: Sequence[Array], bounds: Sequence[float], h: Array, wanted: Array, walls: ArmWalls
+             ) -> tuple[Array, int]:
+    """The x (m,) next to `wanted` in the metric `h` with rows · x >= bounds, and the bound that pushes most."""
+    moved = [np.linalg.solve(h, row) for row in rows]
+    square = [float(row @ step) for row, step in zip(rows, moved, strict=True)]
+    x, force = wanted.copy(), np.zeros(len(rows))
+    for _ in range(walls.SWEEPS):
+        for i, row in enumerate(rows):
+            if square[i] > walls.FLAT:
+                change = max(-float(force[i]), (bounds[i] - float(row @ x)) / square[i])
+                force[i] += change
+                x += change * moved[i]
+    return x, int((force * np.sqrt(np.maximum(square, 0.0))).argmax())
+
+
+def size_of(wall: Wall) -> tuple[float, float, float]:
+    """The size as distances are computed with: half edges, radius and half length, radius and length, angle."""
+    first, second, third = (*wall.size, 0.0, 0.0, 0.0)[:3]
+    if wall.shape == BOX:
+        return first / 2, second / 2, third / 2
+    return first, second / 2 if wall.shape == CYLINDER else second, third
+
+
+def pose_of(wall: Wall) -> Array:
+    """Its pose (4, 4) in its own frame; ValueError for an orientation that is no quaternion."""
+    return matrix_from_pose(normalised(np.array((*wall.position, *wall.orientation))))
+
+
+def objection_to(wall: Wall, arm_type: str) -> str:
+    """Why a wall cannot be one of an arm of this type; "": it can."""
+    row, needed = ARM_TYPES[arm_type], SIZES[wall.shape]
+    if len(wall.size) != needed:
+        return f"a {wall.shape} has {needed} numbers in its size, not {len(wall.size)}"
+    if any(not number > 0.0 for number in wall.size):
+        return f"the size of a {wall.shape} must be above 0"
+    if wall.shape == CONE and not wall.size[0] < math.pi / 2:
+        return "half of a cone's angle is below π/2"
+    if wall.of in (JAW, SHAFT) and not (row.joints < row.actuators or (row.has_endoscope and wall.of == SHAFT)):
+        return f"walls of an {arm_type} are for its tip or instrument, not its {wall.of}"
+    try:
+        pose_of(wall)
+    except ValueError as error:
+        return str(error)
+    return ""

@@ -1,0 +1,232 @@
+"""Walls: a homed arm stays on their allowed side, whatever is asked of it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+from tests.arm.arm_configs import fixed_arm
+from tests.arm.fake_io import PERIOD_NS, ArmHarness
+from tests.arm.test_psm import DEEP, at
+from trocar.procs.document.walls import Wall
+from trocar.procs.kinematics.poses import pose_from_matrix
+from trocar.procs.tables.arm_types import base_name
+
+FLOOR = Wall("floor", "plane", (0.0, 0.0, -0.13), of="tip")
+HERE = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
+EXACT = 1e-9  # m
+
+
+def harness(*walls: Wall) -> ArmHarness:
+    """Homed, 0.12 m deep, with walls of its configuration."""
+    return at(ArmHarness(fixed_arm(walls=walls)).homed(), DEEP)
+
+
+def add(made: ArmHarness, wall: Wall) -> None:
+    """A wall by command."""
+    values = (*wall.position, *wall.orientation, *wall.size, wall.margin)
+    text = f"{wall.name} {wall.shape} {wall.keep} {wall.of} {wall.frame}"
+    assert made.send("add_wall", values, text).outcomes == ["done"]
+
+
+def tip(made: ArmHarness) -> np.ndarray:
+    return made.state["local_setpoint_cp"][:3].copy()
+
+
+def pose(made: ArmHarness, place: Any) -> np.ndarray:
+    """The present orientation at another place, as a goal."""
+    goal = made.state["local_setpoint_cp"].copy()
+    goal[:3] = place
+    return goal
+
+
+def push(made: ArmHarness, to: Any, speed: float = 0.05) -> list[str]:
+    """Stream the tip to a place at a speed, then hold it there for a while; returns all answers."""
+    start, answers = tip(made), list[str]()
+    way = np.array(to) - start
+    count = int(np.linalg.norm(way) / (speed * PERIOD_NS * 1e-9)) + 1
+    for share in np.concatenate((np.linspace(0.0, 1.0, count), np.ones(300))):
+        answers.append(made.send("servo_cp", pose(made, start + share * way), base_name("PSM1")).replies[-1][1])
+    return answers
+
+
+def test_a_stream_into_a_plane_stays_above_it_and_slides_along() -> None:
+    made = harness(FLOOR)
+    lowest, start = math.inf, tip(made)
+    for share in np.linspace(0.0, 1.0, 1500):
+        made.send("servo_cp", pose(made, start + share * np.array((0.03, 0.0, -0.04))))
+        lowest = min(lowest, tip(made)[2])
+    assert lowest >= -0.13 - EXACT
+    made.run(0.5)
+    assert tip(made) == pytest.approx((start[0] + 0.03, start[1], -0.13), abs=2e-4), "the nearest allowed place"
+    assert made.arm.control.machine.state == "HOMED" and not made.io.flag("fault")
+    assert made.walls.text("stopped_by") == "floor" and abs(made.walls["distance"][0]) < 2e-4
+
+
+def test_the_answer_and_one_event_name_the_wall() -> None:
+    made = harness(FLOOR)
+    answers = push(made, (0.0, 0.0, -0.14))
+    assert answers[0] == "" and answers[-1] == "at wall floor"
+    assert [event[1] for event in made.reports.of("warning")] == ["at-wall"]
+
+
+def test_the_setpoint_slows_down_before_a_wall() -> None:
+    made = harness(FLOOR)
+    start, heights = tip(made), []
+    for share in np.linspace(0.0, 1.0, 150):  # 40 mm in 0.3 s
+        made.send("servo_cp", pose(made, start + share * np.array((0.0, 0.0, -0.04))))
+        heights.append(tip(made)[2] + 0.13)
+    speeds = -np.diff(heights) / (PERIOD_NS * 1e-9)
+    assert (speeds <= np.array(heights[:-1]) / 0.05 + 1e-6).all() and min(heights) >= -EXACT
+
+
+def test_a_stream_far_behind_a_wall_goes_on_and_comes_back_and_one_that_jumps_ends() -> None:
+    made = harness(FLOOR)
+    push(made, (0.0, 0.0, -0.2))  # 70 mm beyond
+    assert tip(made)[2] == pytest.approx(-0.13, abs=1e-4)
+    start = np.array((0.0, 0.0, -0.2))
+    for share in np.linspace(0.0, 1.0, 2000):
+        assert made.send("servo_cp", pose(made, start + share * np.array((0.0, 0.0, 0.08)))).outcomes[-1] == "done"
+    made.run(0.2)
+    assert tip(made)[2] == pytest.approx(-0.12, abs=1e-4)
+    push(made, (0.0, 0.0, -0.16))
+    assert made.send("servo_cp", pose(made, (0.05, 0.05, -0.2))).outcomes[-1] == "refused"
+
+
+def test_a_move_across_a_wall_is_refused_before_it_begins() -> None:
+    made = harness(FLOOR)
+    goal = HERE.copy()
+    goal[2] = 0.17
+    refused = made.send("move_jp", goal)
+    assert refused.outcomes == ["refused"] and "floor" in refused.replies[-1][1]
+    here = tip(made)
+    made.run(0.1)
+    assert (tip(made) == here).all()
+    goal[2] = 0.125
+    move = made.send("move_jp", goal)
+    made.until(lambda: move.outcomes[-1] in ("done", "failed"))
+    assert move.outcomes[-1] == "done"
+
+
+def test_a_move_is_refused_though_both_of_its_ends_are_allowed() -> None:
+    made = at(harness(), (0.3, 0.0, 0.12, 0.0, 0.0, 0.0))
+    add(made, Wall("ball", "sphere", (0.0, 0.0, -0.115), size=(0.01,), of="tip"))
+    assert made.send("move_jp", (-0.3, 0.0, 0.12, 0.0, 0.0, 0.0)).outcomes == ["refused"]
+    assert made.send("move_jp", (-0.3, 0.0, 0.08, 0.0, 0.0, 0.0)).outcomes == ["accepted"]
+
+
+def test_a_wall_that_appears_in_the_way_of_a_move_stops_it() -> None:
+    made = harness()
+    move = made.send("move_jp", (0.0, 0.0, 0.2, 0.0, 0.0, 0.0))
+    made.run(0.05)
+    made.send("add_wall", (0.0, 0.0, -0.14, 0.0, 0.0, 0.0, 1.0), "floor plane tip")
+    made.until(lambda: move.outcomes[-1] in ("done", "failed"))
+    assert move.outcomes[-1] == "failed" and "floor" in move.replies[-1][1]
+    assert -0.14 - EXACT <= tip(made)[2] < -0.12
+    made.run(0.2)
+    assert tip(made)[2] >= -0.14 - EXACT
+
+
+def test_from_inside_a_new_wall_only_the_way_out_is_free() -> None:
+    made = harness()
+    here = tip(made)
+    add(made, Wall("lid", "plane", (0.0, 0.0, -0.1), of="tip"))  # 13 mm above the tip
+    made.run(0.1)
+    assert (tip(made) == here).all(), "nothing moves because a wall came"
+    push(made, here + (0.0, 0.0, -0.01))
+    assert tip(made)[2] == pytest.approx(here[2], abs=1e-6)
+    push(made, here + (0.0, 0.0, 0.03))
+    assert tip(made)[2] == pytest.approx(here[2] + 0.03, abs=1e-4)
+    assert made.send("move_jp", (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)).outcomes == ["refused"]
+
+
+def test_walls_outlive_the_process_of_the_arm() -> None:
+    made = harness(FLOOR)
+    made.send("add_wall", (0.0, 0.0, -0.12, 0.0, 0.0, 0.0, 1.0, 0.002), "low plane tip")
+    assert made.walls["count"] == 2 and made.walls["by_command"][:2].tolist() == [False, True]
+    made.start_arm()
+    made.run(1.0)
+    assert [bytes(name) for name in made.walls["name"][:2]] == [b"floor", b"low"]
+    push(made, (0.0, 0.0, -0.14))
+    assert tip(made)[2] == pytest.approx(-0.118, abs=1e-4)
+    assert made.send("remove_wall", (), "low").outcomes == ["done"]
+    assert made.send("remove_wall", (), "low").outcomes == ["refused"]
+    push(made, (0.0, 0.0, -0.14))
+    assert tip(made)[2] == pytest.approx(-0.13, abs=1e-4)
+
+
+@pytest.mark.parametrize(("text", "values"), [
+    ("a", (0,) * 6 + (1,)), ("a cube", (0,) * 6 + (1,)), ("a sphere", (0,) * 6 + (1,)),
+    ("a sphere hand", (0,) * 6 + (1, 0.01)), ("a sphere", (0,) * 6 + (2, 0.01)), ("a sphere", (0,) * 6 + (1, 0.0)),
+    ("a cone", (0,) * 6 + (1, 1.6)), ("floor plane", (0,) * 6 + (1,)), ("a/b plane", (0,) * 6 + (1,)),
+    ("a sphere", (0,) * 6 + (1, 0.01, 0.01, 0.01)),
+])
+def test_a_wall_that_cannot_be_is_refused(text: str, values: Any) -> None:
+    made = harness(FLOOR)
+    assert made.send("add_wall", values, text).outcomes == ["refused"] and made.walls["count"] == 1
+
+
+def test_a_wall_in_the_reference_frame_moves_with_the_base_and_is_off_while_that_is_unknown() -> None:
+    made, base = harness(), np.eye(4)
+    base[2, 3] = 0.13
+    made.send("set_base_frame", pose_from_matrix(base), "world")
+    add(made, Wall("table", "plane", frame="reference", of="tip"))
+    push(made, (0.0, 0.0, -0.15))
+    assert made.state["setpoint_cp"][2] == pytest.approx(0.0, abs=1e-4)
+    made.send("set_base_frame", (), "world")
+    assert not made.walls["active"][0] and math.isnan(made.walls["distance"][0])
+    assert any(event[1] == "wall-off" for event in made.reports.events)
+
+
+def test_velocities_end_at_a_wall() -> None:
+    made = harness(FLOOR)
+    for _ in range(600):
+        made.send("servo_jv", (0.0, 0.0, 0.05, 0.0, 0.0, 0.0))
+        assert tip(made)[2] >= -0.13 - EXACT
+    assert tip(made)[2] == pytest.approx(-0.13, abs=1e-4)
+
+
+def test_with_walls_far_away_every_setpoint_is_the_same() -> None:
+    free, walled = harness(), harness(Wall("far", "sphere", (0.5, 0.5, 0.5), size=(0.05,)), FLOOR)
+    for share in np.linspace(0.0, 6.28, 400):
+        goal = HERE + 0.03 * np.array((math.sin(share), math.cos(share) - 1.0, 0.0, 1.0, 0.0, math.sin(2 * share)))
+        for made in (free, walled):
+            made.send("servo_jp", goal)
+        assert (free.setpoint["position"] == walled.setpoint["position"]).all()
+
+
+SHAPES = some.one_of(
+    some.builds(lambda size: ("sphere", (size,)), some.floats(0.005, 0.03)),
+    some.builds(lambda a, b, c: ("box", (a, b, c)), *[some.floats(0.01, 0.05)] * 3),
+    some.builds(lambda a, b: ("cylinder", (a, b)), *[some.floats(0.01, 0.04)] * 2),
+    some.builds(lambda a, b: ("capsule", (a, b)), some.floats(0.005, 0.02), some.floats(0.01, 0.05)),
+    some.just(("plane", ())))
+NUMBER = some.floats(-1.0, 1.0)
+
+
+@given(shape=SHAPES, place=some.tuples(NUMBER, NUMBER, NUMBER), turn=some.tuples(NUMBER, NUMBER, NUMBER),
+       of=some.sampled_from(("tip", "jaw", "shaft", "instrument")),
+       steps=some.lists(some.tuples(*[NUMBER] * 6), min_size=2, max_size=3))
+def test_no_stream_brings_any_part_nearer_to_a_wall_than_it_may_be(shape: Any, place: Any, turn: Any, of: str,
+                                                                   steps: Any) -> None:
+    quaternion = np.array((*turn, 1.0)) / np.linalg.norm((*turn, 1.0))
+    wall = Wall("w", shape[0], (0.05 * place[0], 0.05 * place[1], -0.12 + 0.05 * place[2]), tuple(quaternion.tolist()),
+                shape[1], of=of)
+    made = harness()
+    add(made, wall)
+    goal, scale = HERE.copy(), np.array((0.15, 0.15, 0.02, 0.5, 0.5, 0.5))
+    least = min(float(made.walls["distance"][0]), 0.0)
+    for change in steps:
+        target = HERE + scale * np.array(change)
+        for share in np.linspace(0.0, 1.0, 60):
+            made.send("servo_jp", goal + share * (target - goal))
+            made.arm.control.walls.show(made.arm.control.here, made.now_ns + 1_000_000_000)
+            distance = float(made.walls["distance"][0])
+            assert distance >= least - EXACT
+            least = min(max(distance, least), 0.0)
+        goal = target
