@@ -34,8 +34,7 @@ def pushed(robot: Robot, depth: float) -> float:
         for share in np.linspace(0.0, 1.0, 100):
             pose[2, 3] = start + share * (depth - start)
             psm.servo_cp(pose)
-        lowest = min(float(psm.setpoint_cp()[0][2, 3]) for _ in range(50))
-    return lowest
+        return min(float(psm.setpoint_cp()[0][2, 3]) for _ in range(50))
 
 
 def walls(robot: Robot) -> dict[str, bool]:

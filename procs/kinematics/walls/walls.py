@@ -241,7 +241,7 @@ class _View:
         h = rows.T @ rows + walls.FLAT * np.eye(walls.m)
         twist = np.array(twist_between(tip, goal)) * walls.TURN
         twist[:3] = shapes.turned_back(tip, [goal[i] - tip[i] for i in (3, 7, 11)])
-        return h, np.linalg.solve(h, rows.T @ twist + walls.FLAT * (walls.gather @ way))
+        return h, np.asarray(np.linalg.solve(h, rows.T @ twist + walls.FLAT * (walls.gather @ way)))
 
 
 def _bounded(rows: Sequence[Array], bounds: Sequence[float], h: Array, wanted: Array, walls: ArmWalls
