@@ -65,7 +65,7 @@ class Home:
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
-    shutil.copytree(PROJECT_CONFIGS, tmp_path / "home")
+    shutil.copytree(PROJECT_CONFIGS, tmp_path / "home", copy_function=shutil.copyfile)
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     return Home(tmp_path / "home")
