@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-import pytest
 import typer
 
+from tests.cases import cases
 from tests.test_house import ROOT, each_keeps_to, nodes_of, relative, source_of
 from trocar.procs.tables.codes import CODES
 from trocar.tools import cli
@@ -104,7 +104,7 @@ def test_help_of_an_option_is_a_phrase_with_a_noun() -> None:
     assert not [row for row in options if not row[2].endswith((".", "…")) or "\n" in row[2]]
 
 
-@pytest.mark.parametrize("code", CODES, ids=lambda code: code.code)
+@cases("code", CODES)
 def test_a_code_is_plain_english(code) -> None:  # type: ignore[no-untyped-def]
     assert not unplain(f"{code.cause}; {code.remedy}")
     assert not code.cause.endswith(".") and not code.remedy.endswith(".")
