@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import cases
 from tests.system.test_added_arm import SCOPE
 from tests.system.test_added_kind import METRONOME
 
@@ -37,7 +38,7 @@ def test_a_recipe_names_the_files_of_the_test_that_follows_it(number: int, recip
     assert {name.replace("KIND", "metronome") for name in steps(number)} == set(recipe)
 
 
-@pytest.mark.parametrize("number", [number for number, (title, _) in RECIPES.items() if "file" in title])
+@cases("number", [number for number, (title, _) in RECIPES.items() if "file" in title])
 def test_a_recipe_counts_its_files(number: int) -> None:
     title, body = RECIPES[number]
     (count,) = re.findall(r": (\d) file", title)
@@ -56,7 +57,7 @@ def test_fixtures_and_harnesses_are_in_the_files_named_with_them() -> None:
         assert all(re.search(rf"^(class|def) {name}\b", text, re.MULTILINE) for name in (first, second) if name), file
 
 
-@pytest.mark.parametrize("line", COMMANDS)
+@cases("line", COMMANDS)
 def test_a_command_of_the_page_can_be_given(line: str) -> None:
     for command in line.split(" && "):
         program, *words = re.findall(r'"[^"]*"|\S+', command)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import cases
 from trocar.procs.document.gains import GAINS
 from trocar.procs.tables.desired_state import DESIRED_STATES
 from trocar.procs.tables.manifest import PROCS
@@ -83,7 +84,7 @@ def python(code: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("row", [row for row in PROCS if row.ours], ids=lambda row: row.kind)
+@cases("row", [row for row in PROCS if row.ours])
 def test_every_kind_has_its_door(row) -> None:  # type: ignore[no-untyped-def]
     spec = importlib.util.find_spec(row.module)
     assert spec is not None and spec.origin is not None, f"{row.module} is not there"

@@ -15,6 +15,7 @@ import pytest
 import typer
 import yaml
 
+from tests.cases import cases
 from tests.import_contract import PROCESSES, storey
 from trocar.procs.tables.manifest import PROCS
 from trocar.tools import cli
@@ -26,7 +27,7 @@ FOLDERS = ("shm", "procs", "tools", "tests", "configs", "docs", ".ci")
 NOT_OURS = {"dvrk_calibrate_potentiometers.py", "wall.py", "box.py", "scanner.py", "procs/KIND/loop.py"}  # of others
 CODE = re.compile(r"`([^`\n]+)`")
 FORMS = [form for form in sorted((ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml")) if form.stem != "config"]
-each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+each_page = cases("page", PAGES)
 
 
 @functools.cache

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests import searches
+from tests.cases import cases
 
 pytest_plugins = ["pytester"]
 SEARCH = """
@@ -81,6 +82,6 @@ def test_what_a_search_reads_counts_and_nothing_else(tmp_path: Path, monkeypatch
     assert {path for path in texts if counts(path)} == {search, near, far, "tests/shm/models/ring.pml"}
 
 
-@pytest.mark.parametrize("path", sorted(searches.stamped()))
+@cases("path", sorted(searches.stamped()))
 def test_a_stamp_belongs_to_a_file_of_searches(path: str) -> None:
     assert "pytest.mark.searches" in (searches.ROOT / path).read_text()

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.arm.fake_io import ArmHarness
+from tests.cases import cases
 from trocar.procs.arm import arm
 from trocar.procs.arm.states import TRANSITIONS, ArmEvent, ArmState
 
@@ -31,8 +32,8 @@ CAUSES = {
 }
 
 
-@pytest.mark.parametrize("code", CAUSES)
-@pytest.mark.parametrize("during_move", (False, True))
+@cases("code", CAUSES)
+@cases("during_move", (False, True))
 def test_every_cause_leads_to_fault_with_its_reason_and_enable_back(code: str, during_move: bool) -> None:
     break_it, words = CAUSES[code]
     harness = ArmHarness().homed()

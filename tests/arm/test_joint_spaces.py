@@ -12,6 +12,7 @@ import pytest
 
 from tests import stock
 from tests.arm.arm_configs import CHAIN, TOOL, bare_arm, fixed_arm
+from tests.cases import cases
 from tests.traces import Trace
 from trocar.procs.arm.joints import JointSpace, joints, kinematic_home
 from trocar.procs.config import PROJECT_CONFIGS, load_system
@@ -58,7 +59,7 @@ def test_joint_spaces_are_what_they_were() -> None:
     trace.compare(Path(__file__).parent / "traces" / "joint-spaces.txt")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@cases("name", NAMES)
 def test_power_is_the_same_for_joints_and_actuators(name: str) -> None:
     space = joints(*arms()[name])
     there = space.to_joint @ space.to_actuator
@@ -66,7 +67,7 @@ def test_power_is_the_same_for_joints_and_actuators(name: str) -> None:
     assert space.to_actuator @ space.to_joint == pytest.approx(np.eye(space.axes), abs=1e-9)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@cases("name", NAMES)
 def test_what_is_clipped_comes_to_its_limit_and_may_stay_where_it_is(name: str) -> None:
     space, random = joints(*arms()[name]), np.random.default_rng(1)
     inside = 0.5 * (space.lower + space.upper)

@@ -11,6 +11,7 @@ import pytest
 from tests import stock
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import ArmHarness
+from tests.cases import cases
 from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.joints import joints
 from trocar.procs.document.system import ArmConfig, ArmInputs
@@ -116,7 +117,7 @@ def test_nothing_moves_for_a_goal_at_the_remote_centre(harness: ArmHarness) -> N
 
 # instruments
 
-@pytest.mark.parametrize("name", ALL_TOOLS)
+@cases("name", ALL_TOOLS)
 def test_every_stock_instrument_can_be_carried(name: str) -> None:
     tool = stock.tool(name)
     space = joints(psm(name), tool)

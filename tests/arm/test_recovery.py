@@ -7,6 +7,7 @@ import pytest
 
 from tests.arm.arm_configs import bare_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
+from tests.cases import cases
 from trocar.procs.tables.codes import ARM_LOST
 from trocar.shm.system.events import sentence
 
@@ -118,8 +119,8 @@ MEANWHILE = {
 }
 
 
-@pytest.mark.parametrize(("stall", "what"), [("", "the arm's process was restarted"), ("PSM1 stalled for 0.31 s",) * 2])
-@pytest.mark.parametrize("code", MEANWHILE)
+@cases(("stall", "what"), [("", "the arm's process was restarted"), ("PSM1 stalled for 0.31 s",) * 2])
+@cases("code", MEANWHILE)
 def test_what_ended_the_power_while_the_process_was_away_is_an_error_that_names_its_cause(
         code: str, stall: str, what: str) -> None:
     break_it, words = MEANWHILE[code]

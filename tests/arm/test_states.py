@@ -8,6 +8,7 @@ import pytest
 
 from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_requests import FakeRequest
+from tests.cases import cases
 from trocar.procs.arm.states import (
     ACCEPTED,
     ACCEPTED_ENABLING,
@@ -119,7 +120,7 @@ def where_to(state: str, word: str) -> str:
 COMMON = [str(state) for state in ArmState if state not in OWN]
 
 
-@pytest.mark.parametrize(("state", "word"), list(itertools.product(COMMON, (*COMMANDS, "fly", ""))))
+@cases(("state", "word"), list(itertools.product(COMMON, (*COMMANDS, "fly", ""))))
 def test_every_command_in_every_state_is_answered_and_leads_on(state: str, word: str) -> None:
     harness = ArmHarness()
     harness.reach(state)
@@ -220,7 +221,7 @@ def give_in_one_cycle(harness: ArmHarness, *words: str) -> list[FakeRequest]:
                 return requests
 
 
-@pytest.mark.parametrize(("begin", "words", "end", "outcomes"), [
+@cases(("begin", "words", "end", "outcomes"), [
     ("DISABLED", ("enable", "home"), "HOMED", ("done", "done")),
     ("FAULT", ("enable", "home"), "HOMED", ("done", "done")),
     ("DISABLED", ("enable", "home", "unhome"), "ENABLED", ("failed", "failed", "done")),

@@ -9,6 +9,7 @@ from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_master import MasterHarness
 from tests.arm.fake_requests import FakeRequest
+from tests.cases import cases
 from trocar.shm.mailbox.origins import Origin, SenderId
 
 DEEP = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
@@ -66,7 +67,7 @@ def test_what_a_successor_does_is_not_ended_by_a_late_word(harness: ArmHarness) 
     assert harness.state["control_mode"] == 3
 
 
-@pytest.mark.parametrize("state", ["DISABLED", "POWERING", "ENABLED", "HOMING", "PAUSED", "FAULT"])
+@cases("state", ["DISABLED", "POWERING", "ENABLED", "HOMING", "PAUSED", "FAULT"])
 def test_the_end_of_a_stream_is_never_refused(state: str) -> None:
     harness = ArmHarness(fixed_arm())
     harness.reach(state)

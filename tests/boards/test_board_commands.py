@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.boards.rails import START, Rails, two_buses
+from tests.cases import cases
 from tests.command_rows import row_named
 from trocar.procs.boards.board_commands import BoardCommands
 from trocar.procs.boards.board_faults import BoardFaults
@@ -101,7 +102,7 @@ GOOD = [
 ]
 
 
-@pytest.mark.parametrize(("name", "values", "text", "reported"), GOOD)
+@cases(("name", "values", "text", "reported"), GOOD)
 def test_each_order_reaches_what_it_is_for(name: str, values: list[float], text: str,
                                            reported: tuple[Any, ...]) -> None:
     assert _ask(name, values, text) == ([reported], "done")
@@ -123,7 +124,7 @@ def test_every_command_has_an_example_that_works() -> None:
     assert shown == rows.keys()
 
 
-@pytest.mark.parametrize(("name", "values", "text", "reason"), [
+@cases(("name", "values", "text", "reason"), [
     ("press", [], "clutch", "takes on"),
     ("press", [2], "clutch", "on 2; allowed"),
     ("press", [0.5], "clutch", "on 0.5; allowed"),
@@ -154,7 +155,7 @@ def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float]
         raise ValueError(outcome)
 
 
-@pytest.mark.parametrize(("name", "values", "text", "reason"), [
+@cases(("name", "values", "text", "reason"), [
     ("press", [1], "camera", "camera: no such input; there are clutch, limit"),
     ("power_loss", [1], "ECM2", "ECM2: no such robot; there are PSM1, ECM"),
     ("amp_fault", [5, 1], "PSM1", "PSM1: axis 5; allowed: 0 to 4"),

@@ -19,6 +19,7 @@ import pytest
 
 from tests.boards.fuzzing import MS, SECOND, Rules, Sender, read_quads
 from tests.boards.served import Served
+from tests.cases import cases
 from tests.conftest import ROOT
 from tests.fpga import board_side
 from trocar.procs.boards.controllers.bus import GROUP
@@ -308,7 +309,7 @@ def test_replies_that_may_be_pass_the_judge() -> None:
     assert _judged(query, blocks_of_three, "rev-9-ethernet") == ""
 
 
-@pytest.mark.parametrize(("data", "reply", "why"), [
+@cases(("data", "reply", "why"), [
     (READ[:17], GOOD, "less than a request"),
     (wire.quadlet_write(1, 0, 0, 5, 3), GOOD, "a reply to a write"),
     (wire.quadlet_write(wire.BROADCAST, reg.QUERY, 1 << 16 | 0x2C0, 5, 3),

@@ -25,6 +25,7 @@ from tests.boards.carts import (
     with_arms,
 )
 from tests.boards.rails import START, Rails, two_buses
+from tests.cases import cases
 from tests.examples import examples
 from tests.fpga import board_side
 from trocar.procs.boards.controllers.interface_board import FEW_CHANGES, EmulatedInterfaceBoard
@@ -195,7 +196,7 @@ def test_nothing_depends_on_how_often_it_is_looked_at(deeds: list[tuple[int, tup
     assert often.driven == pytest.approx(rare.driven)
 
 
-@pytest.mark.parametrize(("high", "low", "level", "power"), [
+@cases(("high", "low", "level", "power"), [
     (614, 614, 0, 0.0), (98, 298, 0, -0.5), (298, 98, 1, 0.5),
     (0, 0, 0, 1.0), (0, 0, 1, -1.0), (0, 50, 1, 1.0), (50, 0, 0, -1.0)])
 def test_the_lift_has_the_mean_of_its_output(high: int, low: int, level: int, power: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import shutil
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,9 +63,20 @@ class Home:
         return self.load("made.json", boards=boards)
 
 
+@pytest.fixture(scope="session")
+def own_files() -> dict[str, bytes]:
+    """The project's own files: written to each home, which takes a sixth of the time of copies."""
+    files = (path for path in PROJECT_CONFIGS.rglob("*") if path.is_file())
+    return {path.relative_to(PROJECT_CONFIGS).as_posix(): path.read_bytes() for path in files}
+
+
 @pytest.fixture
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
-    shutil.copytree(PROJECT_CONFIGS, tmp_path / "home")
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_files: dict[str, bytes]) -> Home:
+    for folder in {os.path.dirname(name) for name in own_files}:  # noqa: PTH120  # for hundreds of tests
+        (tmp_path / "home" / folder).mkdir(parents=True, exist_ok=True)
+    for name, content in own_files.items():
+        with open(f"{tmp_path}/home/{name}", "wb") as file:  # noqa: PTH123
+            file.write(content)
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     return Home(tmp_path / "home")

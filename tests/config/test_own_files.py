@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests import stock
+from tests.cases import cases
 from trocar.procs.config import PROJECT_CONFIGS, check_file, load_system
 from trocar.procs.config.loading.chains import load_chain, load_tool
 from trocar.procs.config.loading.context import Context
@@ -42,7 +43,7 @@ def own(name: str) -> list[document.ArmConfig]:
     return [bodies(name).emulated().arm(arm) for arm, *_ in SYSTEMS[name]]
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@cases("name", SYSTEMS)
 def test_every_kind_of_arm_has_a_system_of_its_own(name: str) -> None:
     system = bodies(name)
     kinds = [row.kind for row in system.processes]
@@ -74,7 +75,7 @@ def test_arms_of_ours_have_what_their_kind_needs(name: str) -> None:
             assert arm.gripper == f"{arm.name}_gripper" and arm.master_gravity is None and arm.homing_zero_position
 
 
-@pytest.mark.parametrize("name", CHAINS)
+@cases("name", CHAINS)
 def test_our_chains_equal_the_stock_ones(name: str) -> None:
     ours = _chain(PROJECT_CONFIGS / f"kinematic/{name}.yaml")
     theirs = _chain(stock.find(f"dvrk-share/kinematic/{name}.json"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.cases import cases
 from tests.config.conftest import Home
 from tests.config.test_consoles import ARMS
 from tests.system.robot import ROOT
@@ -57,8 +58,8 @@ def test_an_interface_that_this_machine_lacks_is_a_warning() -> None:
     assert not loaded.errors and any("none9" in str(problem) for problem in loaded.warnings)
 
 
-@pytest.mark.parametrize("text", ["ros.domain=233", "ros.domain=-1", "ros.period_s=0", "ros.interface=a b",
-                                  "ros.namespace=1x", "ros.io=yes", "ros.unknown=1"])
+@cases("text", ["ros.domain=233", "ros.domain=-1", "ros.period_s=0", "ros.interface=a b",
+                "ros.namespace=1x", "ros.io=yes", "ros.unknown=1"])
 def test_what_makes_no_sense_is_refused(text: str) -> None:
     assert load_system(FILE, sets=[text]).errors
 

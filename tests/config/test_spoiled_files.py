@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from tests.cases import cases
 from tests.traces import Trace
 from trocar.procs.config.loading.arms import base_frame_of
 from trocar.procs.config.loading.context import Context, Opened
@@ -164,7 +165,7 @@ SCALE = "robots.0.actuators.1.drive.bits_to_current.scale"
 INVERSE = 1 / 5242.88
 
 
-@pytest.mark.parametrize(("data", "said"), [
+@cases(("data", "said"), [
     (changed(f"{LIMITS}.lower", 1.0), "no range"), (changed(f"{LIMITS}.lower", 1.0001), "above the upper limit"),
     (changed(SCALE, INVERSE * 1.0499), ""), (changed(SCALE, INVERSE * 1.0501), "is not the inverse"),
     (changed(SCALE, INVERSE * 0.9501), ""), (changed(SCALE, INVERSE * 0.9499), "is not the inverse"),

@@ -14,6 +14,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from tests.examples import examples
 from tests.traces import Trace
 from trocar.procs.config import PROJECT_CONFIGS
@@ -175,7 +176,7 @@ def test_whole_numbers_have_up_to_29_digits(parse: Callable[[str], Parsed]) -> N
     assert type(parse_yaml(f"0x{'f' * 27}").data) is int and type(parse_yaml(f"0x{'f' * 28}").data) is str
 
 
-@pytest.mark.parametrize(("text", "line", "column", "what"), [
+@cases(("text", "line", "column", "what"), [
     ('{"a": NaN}', 1, 7, "a value must come here, not 'NaN'"), ('{"a": 01}', 1, 7, "a value must come here"),
     ("[1, 2\n, 03]", 2, 3, "a value must come here"), ("[1, 2,\n]", 1, 6, "comma before ]"),
     ('{"a": .5}', 1, 7, "a value must come here"), ('{"a": "\\q"}', 1, 8, "bad text"),
@@ -187,7 +188,7 @@ def test_broken_json_is_placed(text: str, line: int, column: int, what: str) -> 
     assert (caught.value.line, caught.value.column) == (line, column) and what in caught.value.what
 
 
-@pytest.mark.parametrize(("text", "line", "column", "what"), [
+@cases(("text", "line", "column", "what"), [
     ("a: 1\nb: !x 2", 2, 4, "tag !x is not used here"), ("? [1]\n: 2", 1, 3, "a key must be a text"),
     (f"? {'[' * 60}{']' * 60}\n: 1", 1, 3, "a key must be a text"),
     ("a: 1\n7: 2\ntrue: 3", 3, 1, "a key must be a text, not 'true'"), ("a: 1\na: 2", 2, 1, "first in line 1"),
@@ -202,7 +203,7 @@ def test_broken_yaml_is_placed(text: str, line: int, column: int, what: str) -> 
     assert (caught.value.line, caught.value.column) == (line, column) and what in caught.value.what
 
 
-@pytest.mark.parametrize(("text", "value"), [
+@cases(("text", "value"), [
     ("1e-3", 0.001), ("1.5E+3", 1500.0), (".5", 0.5), ("5.", 5.0), ("-7", -7), ("010", 10), ("0x1F", 31),
     ("0o17", 15), ("on", "on"), ("yes", "yes"), ("no", "no"), ("y", "y"), ("1:30", "1:30"), ("1_000", "1_000"),
     ("2024-01-02", "2024-01-02"), ("true", True), ("False", False), ("~", None), ("", None), ("'1'", "1"),

@@ -37,13 +37,17 @@ def told_once(problem: FileProblem, value: object) -> None:
     assert MARK not in problem.text and MARK not in problem.allowed, line
 
 
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
-def test_a_wrong_value_is_told_with_file_line_key_value_and_what_is_allowed_each_once(model: type[BaseModel]) -> None:
-    for key, value in itertools.product(fields_of(model), VALUES):
-        source = SourceFile(Path(FILE), {"outer": {key: value}}, {("outer",): LINE, ("outer", key): LINE})
+def test_a_wrong_value_is_told_with_file_line_key_value_and_what_is_allowed_each_once() -> None:
+    told = 0
+    for model, value in itertools.product(MODELS, VALUES):
+        keys = fields_of(model)
+        lines: dict[tuple[str | int, ...], int] = {("outer",): LINE, **{("outer", key): LINE for key in keys}}
+        source = SourceFile(Path(FILE), {"outer": dict.fromkeys(keys, value)}, lines)
         for problem in validate(model, source, ("outer",))[1]:
-            if problem.key.startswith(f"outer.{key}") and "required" not in problem.text:
+            if "required" not in problem.text:
                 told_once(problem, source.at(_path(problem.key)))
+                told += 1
+    assert told > 17_000, "each key of each model refuses most of them"
 
 
 def _path(text: str) -> tuple[str | int, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.cases import cases
 from tests.console.test_logic import ALL, RIGHT, FakeDesk
 from tests.io.harness import FakeCommand
 from trocar.procs.console.console_commands import LET_GO_NS, ConsoleCommands
@@ -33,7 +34,7 @@ def test_commands_reach_the_logic() -> None:
     assert asked(commands, "select_teleop", text="MTML_PSM3").outcome == "done" and "MTML_PSM3" in logic.selected
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "values", "text"),
     [("teleop_enable", (2.0,), ""), ("set_scale", (0.0,), ""), ("set_scale", (float("nan"),), ""),
      ("set_scale", (float("inf"),), ""), ("set_scale", (20.0,), ""),

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
+from tests.cases import cases
 from tests.guarded import objection
 from trocar.procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
 from trocar.procs.console.selection import ECM, PSM, Selectable, at_load, tapped
@@ -68,7 +69,7 @@ def console(members: Sequence[Selectable] = ALL, name: str = "c") -> tuple[Logic
     return Logic(name, members, desk, 0.2), desk
 
 
-@pytest.mark.parametrize(("wanted", "selected", "camera", "operator"), list(itertools.product((False, True), repeat=4)))
+@cases(("wanted", "selected", "camera", "operator"), list(itertools.product((False, True), repeat=4)))
 def test_truth_table_of_a_psm(wanted: bool, selected: bool, camera: bool, operator: bool) -> None:
     logic, desk = console((RIGHT,))
     if not selected:
@@ -80,7 +81,7 @@ def test_truth_table_of_a_psm(wanted: bool, selected: bool, camera: bool, operat
     assert desk.words(RIGHT.name)[-1] == (DISABLE if not runs else ENABLE if operator else ALIGN)
 
 
-@pytest.mark.parametrize(("wanted", "selected", "camera", "operator"), list(itertools.product((False, True), repeat=4)))
+@cases(("wanted", "selected", "camera", "operator"), list(itertools.product((False, True), repeat=4)))
 def test_truth_table_of_an_ecm(wanted: bool, selected: bool, camera: bool, operator: bool) -> None:
     logic, desk = console((SCOPE,))
     if not selected:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from tests.tools.robot import ScriptedRobot, robot
 from trocar.procs.crtk.field_paths import BadPath, FieldCells, all_cells, cells_of, indices_text, parse_path
 from trocar.procs.crtk.topics import find
@@ -32,7 +33,7 @@ def rows_and_cells(played: ScriptedRobot, text: str) -> tuple[Any, FieldCells]:
     return rows, cells_of(entry, path, rows[-1:])
 
 
-@pytest.mark.parametrize(("text", "topic", "field", "indices"), [
+@cases(("text", "topic", "field", "indices"), [
     ("PSM1/measured_js.position[0]", "PSM1/measured_js", "position", (0,)),
     ("PSM1/measured_js.position[0:3]", "PSM1/measured_js", "position", (slice(0, 3),)),
     ("PSM1/measured_js.position[:]", "PSM1/measured_js", "position", (slice(None, None),)),
@@ -46,9 +47,9 @@ def test_a_path_is_topic_field_and_indices(text: str, topic: str, field: str, in
     assert (path.topic, path.field, path.indices) == (topic, field, indices)
 
 
-@pytest.mark.parametrize("text", ["", "PSM1", "PSM1/", "PSM1/state.", "PSM1/state.position[", "PSM1/state.position[]",
-                                  "PSM1/state.position[a]", "PSM1/state.position[1:2:3]", "PSM1/state.position[1]x",
-                                  "PSM1/state.position[99999999999]", "PSM1/state.__class__()", "x" * 300 + "/y.z"])
+@cases("text", ["", "PSM1", "PSM1/", "PSM1/state.", "PSM1/state.position[", "PSM1/state.position[]",
+                "PSM1/state.position[a]", "PSM1/state.position[1:2:3]", "PSM1/state.position[1]x",
+                "PSM1/state.position[99999999999]", "PSM1/state.__class__()", "x" * 300 + "/y.z"])
 def test_what_is_no_path_says_what_is_one(text: str) -> None:
     with pytest.raises(BadPath, match=r"is no field: a field is written as|is no index; allowed are"):
         parse_path(text)

@@ -6,6 +6,7 @@ import itertools
 
 import pytest
 
+from tests.cases import cases
 from trocar.procs.crtk.joint_order import WrongNames, in_order, order_of
 
 PSM = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
@@ -38,7 +39,7 @@ def test_a_name_of_its_own_comes_before_a_synonym() -> None:
     assert order_of(("outer_yaw", "yaw"), ("yaw", "outer_yaw")) == (1, 0)
 
 
-@pytest.mark.parametrize("names", [
+@cases("names", [
     ("x", *PSM[1:]), ("yaw", "yaw", *PSM[2:]), ("yaw", "0", *PSM[2:]), PSM[:5], (*PSM, "roll"), ("",) * 6,
     ("Yaw", *PSM[1:]),
 ])

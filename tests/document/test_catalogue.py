@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from trocar.procs.document.catalogue import CANDIDATES, find, full_name, taken_apart
 
 
@@ -29,7 +30,7 @@ ROWS = (DRIVER, PLAIN, GEARED, SNAKE, CatalogueRow(("PROGRASP_FORCEPS",), "40009
         CatalogueRow(("BOWEL_GRASPER",), "400127"))
 
 
-@pytest.mark.parametrize(("text", "row"), [
+@cases(("text", "row"), [
     ("LARGE_NEEDLE_DRIVER:400006", DRIVER), (":400006", DRIVER), (" large_needle_driver:400006 ", DRIVER),
     ("LARGE_NEEDLE_DRIVER:400006[7]", DRIVER), ("LARGE_NEEDLE_DRIVER:420006[11]", PLAIN),
     ("LARGE_NEEDLE_DRIVER:420006[12]", GEARED), ("LARGE_NEEDLE_DRIVER:420006:12", GEARED), (":420006[..11]", PLAIN),
@@ -49,7 +50,7 @@ def test_an_underscore_before_the_model_is_accepted_with_a_note(text: str, row: 
     assert (found.entry, found.note) == (row, note)
 
 
-@pytest.mark.parametrize(("text", "reason", "candidates"), [
+@cases(("text", "reason", "candidates"), [
     ("LARGE_NEEDLE_DRIVER:420006", "several versions", ("LARGE_NEEDLE_DRIVER:420006[..11]",
      "LARGE_NEEDLE_DRIVER:420006[12..]")),
     ("LARGE_NEEDLE_DRIVER:420006[10..13]", "no entry covers version [10..13]", ("LARGE_NEEDLE_DRIVER:420006[..11]",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from tests.cases import cases
 from trocar.procs.fpga.port_name import ETHERNET, FIREWIRE, UDP, PortName, PortNameError
 
 
-@pytest.mark.parametrize(
+@cases(
     ("text", "parts"),
     [
         ("udp", (UDP, "169.254.0.100", False)),
@@ -24,8 +25,8 @@ def test_names_say_by_what_where_and_whether_a_hub_bridges(text: str, parts: tup
     assert PortName.parse(text) == PortName(*parts)
 
 
-@pytest.mark.parametrize("text", ["", "udp:300.1.1.1", "udp:there", "udp:1", "fw:x", "fw:100", "eth:../x", "eth:a b",
-                                  "eth:sixteen_letters_", "usb:1", "udp:1.2.3.4:5", "FW", "²"])
+@cases("text", ["", "udp:300.1.1.1", "udp:there", "udp:1", "fw:x", "fw:100", "eth:../x", "eth:a b",
+                "eth:sixteen_letters_", "usb:1", "udp:1.2.3.4:5", "FW", "²"])
 def test_other_names_are_refused_with_what_is_allowed(text: str) -> None:
     with pytest.raises(PortNameError, match="allowed: "):
         PortName.parse(text)

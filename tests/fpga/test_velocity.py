@@ -1,6 +1,6 @@
 import numpy as np
-import pytest
 
+from tests.cases import cases
 from trocar.procs.fpga import registers
 from trocar.procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
 
@@ -27,7 +27,7 @@ def estimate(period: int, quarter1: int, quarter5: int, running: int) -> tuple[f
     return estimator._speed[0] * estimator.sign[0], acceleration, estimator.predicted[0]
 
 
-@pytest.mark.parametrize(("words", "expected"), CASES)
+@cases(("words", "expected"), CASES)
 def test_firmware_words_give_velocity_both_ways(words: tuple[int, ...], expected: tuple[float, ...]) -> None:
     period, quarter1, quarter5, running = words
     forward = estimate(period | FORWARD, quarter1 | FORWARD | A_UP, quarter5 | FORWARD | A_UP, running | FORWARD)
@@ -36,7 +36,7 @@ def test_firmware_words_give_velocity_both_ways(words: tuple[int, ...], expected
                                rtol=0, atol=6e-5)
 
 
-@pytest.mark.parametrize(("words", "stated"), CASES)
+@cases(("words", "stated"), CASES)
 def test_firmware_words_equal_the_formulas_to_the_last_digits(
     words: tuple[int, ...], stated: tuple[float, ...]
 ) -> None:

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from tests.fpga import board_side
 from trocar.procs.fpga import wire
 
@@ -173,7 +174,7 @@ def test_mangled_recordings_decode_or_raise_wire_error(data):
     assert all(outcomes.values()), outcomes
 
 
-@pytest.mark.parametrize(
+@cases(
     "build",
     [
         lambda: wire.quadlet_read(64, 0, 1, 0),

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from tests.cases import cases
 from trocar.procs.gui import gate
 from trocar.procs.gui.gate import Gate
 
@@ -84,14 +85,14 @@ def test_a_name_that_cannot_be_read_is_refused() -> None:
     assert ask({"host": "[::1"}).status == 403
 
 
-@pytest.mark.parametrize(("headers", "words"), [
+@cases(("headers", "words"), [
     ({"host": "evil.example:8080"}, "no name of this machine"),
     ({"host": "127.0.0.1.evil.example"}, "no name of this machine"), ({}, "no name of this machine"),
     ({**HERE, "origin": "https://evil.example"}, "not from here"),
     ({**HERE, "origin": "http://127.0.0.1:9"}, "not from here"), ({**HERE, "origin": "null"}, "not from here"),
     ({**HERE, "origin": "http://[::1"}, "not from here"),
     ({**HERE, "origin": "http://127.0.0.1:8080@evil.example"}, "not from here")])
-@pytest.mark.parametrize("kind", ["http", "websocket"])
+@cases("kind", ["http", "websocket"])
 def test_pages_of_others_cannot_come_through_our_browser(headers: dict[str, str], words: str, kind: str) -> None:
     asked = ask(headers, kind=kind)
     assert asked.status == 403 and words in asked.reason + asked.body.decode()

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.cases import cases
 from trocar.procs.host.objects import RememberedObjects, UnknownTypeError
 
 
@@ -105,12 +106,12 @@ def test_slots_are_as_they_were_also_empty_and_private_ones() -> None:
     assert one.value == 1 and one.own == [1] and not hasattr(one, "later")
 
 
-@pytest.mark.parametrize(("one", "change"), [
+@cases(("one", "change"), [
     ([1, 2], lambda one: one.append(3)), ({1, 2}, lambda one: one.discard(1)),
     (deque([1, 2], maxlen=2), lambda one: one.append(3)), (bytearray(b"ab"), lambda one: one.__setitem__(0, 9)),
     (array.array("d", [1.0]), lambda one: one.__setitem__(0, 9.0)), (np.arange(4.0), lambda one: one.fill(9.0)),
     (OrderedDict(a=1, b=2), lambda one: one.move_to_end("a")), (OneNumber(1.0), lambda one: setattr(one, "x", 2.0)),
-], ids=lambda one: type(one).__name__)
+])
 def test_containers_and_memory_are_as_they_were(one: Any, change: Callable[[Any], object]) -> None:
     def shown() -> str:
         return repr(list(one.items()) if isinstance(one, dict) else one.x if isinstance(one, OneNumber) else one)

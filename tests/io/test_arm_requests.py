@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.cases import cases
 from tests.guarded import UNAUTHORIZED, FakeCell
 from tests.io.fault_rows import braked
 from tests.io.harness import FakeCommand, IoHarness
@@ -82,8 +83,7 @@ def test_a_desired_state_comes_true_as_soon_as_it_can() -> None:
     assert harness.record.pid_enabled[0] and not refusal(harness)
 
 
-@pytest.mark.parametrize("fault", [fault for fault in codes.FAULTS if fault.action != NOTHING],
-                         ids=lambda fault: fault.code)
+@cases("fault", [fault for fault in codes.FAULTS if fault.action != NOTHING])
 def test_after_every_fault_the_same_desired_state_gives_nothing_back(fault: Code) -> None:
     harness = held(IoHarness())
     harness.core.reports.trip(fault, 0)

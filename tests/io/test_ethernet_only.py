@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.cases import cases
 from tests.fpga import board_side
 from tests.io.boards_harness import Direct
 from tests.io.test_udp_discovery import recorded_requests, without_address
@@ -102,9 +103,8 @@ def shuffled(old, new):
     return change
 
 
-@pytest.mark.parametrize(
-    ("at", "bits"), [(20, 1), (21, 1), (22, 0x80), (28, 0x01), (0, 0), (2, 4), (5, 1), (13, 4)],
-    ids=["size", "sequence", "mismatch", "board", "empty", "label", "source", "length"])  # fmt: skip
+@cases(
+    ("at", "bits"), [(20, 1), (21, 1), (22, 0x80), (28, 0x01), (0, 0), (2, 4), (5, 1), (13, 4)])  # fmt: skip
 def test_wrong_unasked_replies_are_bad_reads(at, bits):
     boards = EthernetBoards(late(3), late(5))
 

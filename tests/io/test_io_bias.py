@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from tests.cases import cases
 from tests.io.harness import FakePort, IoHarness, document
 from trocar.procs.fpga import registers
 from trocar.procs.io.robots import Robots
@@ -98,7 +99,7 @@ def test_encoders_of_which_one_was_left_out_are_not_taken_for_preset() -> None:
     assert harness.ask("bias_encoders", -10, 6).outcome == "accepted", "not done at once"
 
 
-@pytest.mark.parametrize(("values", "reason"), [
+@cases(("values", "reason"), [
     ((6,), "1 given"), ((7, 0.0), "axis 7; allowed: 0 to 6"), ((0.5, 0.0), "axis 0.5"), ((-1, 0.0), "axis -1"),
     ((6, np.nan), "allowed: finite numbers"), ((6, np.inf), "allowed: finite numbers"),
     ((6, -480.0), "-480 is outside the position limits of axis 6, -1.5 to 1.5"),

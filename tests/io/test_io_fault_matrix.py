@@ -10,6 +10,7 @@ import itertools
 
 import pytest
 
+from tests.cases import cases
 from tests.io.fault_rows import (
     BUTTON,
     EFFORT,
@@ -37,7 +38,7 @@ from trocar.procs.io.bias import ATTEMPTS
 from trocar.procs.tables.codes import FAULTS
 
 
-@pytest.mark.parametrize("row", ROWS, ids=str)
+@cases("row", ROWS)
 def test_in_its_cycle_outputs_go_off_before_anything_is_written(row: FaultRow) -> None:
     """And not before; a button that is pressed in that cycle is reported all the same."""
     harness = working(row.made())
@@ -106,7 +107,7 @@ def test_it_is_told_again_after_power_was_asked_for_in_vain(row: FaultRow) -> No
     assert not harness.record.power_requested[0] and is_off(harness)
 
 
-@pytest.mark.parametrize("row", ROWS, ids=str)
+@cases("row", ROWS)
 def test_power_asked_for_in_its_cycle_is_undone_with_the_reason(row: FaultRow) -> None:
     harness = working(row.made())
     row.breaks(harness)
@@ -151,7 +152,7 @@ def test_two_faults_of_one_cycle_are_both_told_and_the_stronger_acts(one: FaultR
     assert reported(harness)[: len(reported_before)] == reported_before and sorted(harness.codes) == sorted(codes)
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row.cycle == 1 and row.code != "not-finite"], ids=str)
+@cases("row", [row for row in ROWS if row.cycle == 1 and row.code != "not-finite"])
 def test_a_fault_in_the_cycle_of_the_last_bad_packet_is_told_with_the_next_good_one(row: FaultRow) -> None:
     harness = working(row.made())
     lose_packets(harness)

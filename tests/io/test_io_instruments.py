@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from tests.examples import examples
 from tests.io.boards_harness import rig_of
 from tests.io.harness import FakeCommand, document
@@ -133,7 +134,7 @@ def test_an_instrument_put_on_after_an_empty_reading_is_seen() -> None:
     assert bench.shown() == ("ABSENT", "")
 
 
-@pytest.mark.parametrize("after_s", [0.005, 0.03, 0.2, 0.3, 0.345, 0.38, 0.5, 0.7])
+@cases("after_s", [0.005, 0.03, 0.2, 0.3, 0.345, 0.38, 0.5, 0.7])
 def test_taken_out_while_it_is_read_is_no_instrument(after_s: float) -> None:
     bench = InstrumentBench()
     bench.chip.insert(LND, 0)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests import stock
+from tests.cases import cases
 from tests.examples import examples
 from trocar.procs.document.arms import MasterGravityParameters
 from trocar.procs.kinematics.gravity import Gravity, up_of
@@ -32,7 +33,7 @@ def test_the_original_routines_hold_an_arm_with_the_same_efforts(name: str) -> N
     assert records == 200
 
 
-@pytest.mark.parametrize(("chain", "camera", "pitch", "q", "expected"), [
+@cases(("chain", "camera", "pitch", "q", "expected"), [
     ("PSM_Si_physical", None, 0.0, (0.2, -0.3, 0.15), (-1.65093, 6.21104, -5.85086)),
     ("PSM_Si_physical", None, 0.0, (0.0, 0.0, 0.12), (-0.79959, 3.98253, -6.24897)),
     ("PSM_Si_physical", None, -45.0, (0.2, -0.3, 0.15), (-1.16738, -0.56542, -5.44301)),

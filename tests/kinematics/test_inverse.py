@@ -13,6 +13,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tests import stock
+from tests.cases import cases
 from tests.examples import examples
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import BENDS, inverse_of
@@ -93,7 +94,7 @@ def test_wherever_an_arm_can_be_it_can_be_sent(name: str, parts: list[float], se
     assert_reached(solver, forward, goal)
 
 
-@pytest.mark.parametrize("name", ARMS)
+@cases("name", ARMS)
 def test_goals_out_of_reach_are_refused_with_the_joint_to_blame(name: str) -> None:
     solver, forward = arm(name)
     refused = 0
@@ -116,7 +117,7 @@ def test_goals_out_of_reach_are_refused_with_the_joint_to_blame(name: str) -> No
     assert refused >= 8
 
 
-@pytest.mark.parametrize("name", ARMS)
+@cases("name", ARMS)
 def test_metres_away_is_refused(name: str) -> None:
     solver, forward = arm(name)
     middle = spread(forward, [0.5] * 8)
@@ -126,8 +127,8 @@ def test_metres_away_is_refused(name: str) -> None:
     assert solver.reason and np.array_equal(solver.q, middle)
 
 
-@pytest.mark.parametrize("name", ARMS)
-@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
+@cases("name", ARMS)
+@cases("value", [math.nan, math.inf, 1e300])
 def test_what_is_no_number_is_refused(name: str, value: float) -> None:
     solver, forward = arm(name)
     middle = spread(forward, [0.5] * 8)

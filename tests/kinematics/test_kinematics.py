@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests import stock
+from tests.cases import cases
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.poses import pose_from_matrix, rotation_from_vector
 
@@ -73,7 +74,7 @@ PSM_Q = (0.2, -0.3, 0.15, 0.4, -0.5, 0.6)
 MTM_Q = (0.1, 0.2, 0.3, -0.4, 0.5, -0.6, 0.7)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "q", "position", "quaternion"),
     [
         ("PSM", (0, 0, 0.12, 0, 0, 0), (0, 0, -0.1135), (-0.707107, -0.707107, -0.000003, 0.000003)),

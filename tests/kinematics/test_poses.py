@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from trocar.procs.kinematics import poses
 
 number = st.floats(-3.0, 3.0)
@@ -50,8 +51,8 @@ def test_a_zero_quaternion_is_refused() -> None:
         poses.normalised(np.zeros(7))
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-@pytest.mark.parametrize("place", range(7))
+@cases("bad", [math.nan, math.inf])
+@cases("place", range(7))
 def test_a_pose_that_is_not_finite_is_refused(bad: float, place: int) -> None:
     pose = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
     pose[place] = bad

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from tests.examples import examples
 from trocar.procs.kinematics.trajectory import PlanError, Trajectory
 from trocar.procs.tables.arm_types import ARM_TYPES
@@ -24,7 +25,7 @@ def plan(arm: str, goal: np.ndarray, ratio: float = 1.0, velocity: np.ndarray | 
     return trajectory
 
 
-@pytest.mark.parametrize(
+@cases(
     ("arm", "joint", "distance", "durations"),
     [
         ("PSM", 2, 0.12, (1.5492, 2.2, 7.0)),
@@ -47,7 +48,7 @@ def test_moves_from_rest_last_as_long_as_published(
         assert plan(arm, goal, ratio).duration == pytest.approx(duration, abs=1e-4)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("distance", "velocity", "v_max", "a_max", "duration", "halfway", "speed"),
     [
         ((0.5,), (1.0,), (1.0,), (2.0,), 0.75, (0.359375,), (0.75,)),
@@ -224,8 +225,8 @@ def test_goals_in_mid_flight_keep_all_limits_with_a_jerk_limit(seed: int) -> Non
             acceleration = now
 
 
-@pytest.mark.parametrize("jerk_time_s", [0.0, 0.05, 0.2])
-@pytest.mark.parametrize("every_s", [0.002, 0.01, 0.1, 0.3])
+@cases("jerk_time_s", [0.0, 0.05, 0.2])
+@cases("every_s", [0.002, 0.01, 0.1, 0.3])
 def test_the_same_goal_again_and_again_neither_delays_nor_overshoots(jerk_time_s: float, every_s: float) -> None:
     trajectory, limits = Trajectory(1, jerk_time_s), (np.full(1, np.pi / 2.0),) * 2
     position, velocity, goal, now_s = np.zeros(1), np.zeros(1), np.ones(1), 0.0

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import cases
 from tests.conftest import ROOT
 from trocar.procs.config import load_system
 from trocar.procs.machine.extras import PACKAGES, ExtraPackage, missing
@@ -44,7 +45,7 @@ def test_where_there_is_no_package_the_remedy_is_another_python_or_machine(monke
         "the ROS bridge needs cyclonedds, which has no package for aarch64: use a computer with x86_64")
 
 
-@pytest.mark.parametrize("row", PACKAGES.values(), ids=list(PACKAGES))
+@cases("row", PACKAGES.values())
 def test_the_extra_of_a_package_installs_it_where_there_is_one(row: ExtraPackage) -> None:
     (line,) = [line for line in PROJECT["optional-dependencies"][row.extra]
                if line.partition(";")[0].startswith(f"{row.package}>")]

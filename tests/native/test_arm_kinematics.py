@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests import stock
+from tests.cases import cases
 from tests.examples import examples
 from tests.native.pinocchio_chain import PinocchioChain, twist_between
 from trocar.procs.arm.cartesian import Cartesian
@@ -126,8 +127,8 @@ def test_poses_and_jacobians_are_the_same_three_ways(name: str, seed: int) -> No
         np.testing.assert_allclose(getattr(quick, array), getattr(python, array), atol=SAME, rtol=0)
 
 
-@pytest.mark.parametrize("name", ("BOWEL_GRASPER_400127", "ECM", "MTML"))
-@pytest.mark.parametrize("value", (math.nan, math.inf, 1e300))
+@cases("name", ("BOWEL_GRASPER_400127", "ECM", "MTML"))
+@cases("value", (math.nan, math.inf, 1e300))
 def test_joints_that_are_no_numbers_do_no_harm(name: str, value: float) -> None:
     quick, python, _ = chains(name)
     for joint in range(quick.n):
@@ -194,8 +195,8 @@ def test_goals_out_of_reach_end_the_same_both_ways(name: str, seed: int, size: f
     np.testing.assert_allclose(quick.q, python.q, atol=SAME, rtol=0)
 
 
-@pytest.mark.parametrize("name", ARMS)
-@pytest.mark.parametrize("value", (math.nan, math.inf, -math.inf, 1e160, 1e308))
+@cases("name", ARMS)
+@cases("value", (math.nan, math.inf, -math.inf, 1e160, 1e308))
 def test_goals_and_seeds_that_are_no_numbers_end_at_the_seed(name: str, value: float) -> None:
     (quick, python), (forward, *_) = solvers(name), chains(name)
     middle = within(forward, np.random.default_rng(0))

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from trocar.procs.node.pacing import GAIN, INTERVAL_NS, ROOM, SHORT_NS, Pacing, phase_ns
 from trocar.procs.tables.manifest import PROCS
 
@@ -256,8 +257,8 @@ def test_a_cycle_before_its_deadline_misses_nothing_and_keeps_the_grid(page: Pag
     assert following % PERIOD == 0 and 0 < following - woken <= PERIOD + 100 and page["missed"] == 0
 
 
-@pytest.mark.parametrize("io_ns", [333_333, 500_000, 666_667, 1_000_000, 2_000_000])
-@pytest.mark.parametrize("times", [0.125, 0.25, 0.5, 1, 2, 3, 4, 5, 10, 15])
+@cases("io_ns", [333_333, 500_000, 666_667, 1_000_000, 2_000_000])
+@cases("times", [0.125, 0.25, 0.5, 1, 2, 3, 4, 5, 10, 15])
 def test_no_turn_of_a_member_comes_in_the_instant_of_ios(io_ns: int, times: float) -> None:
     io_ns *= 8  # so that all of these are whole
     period_ns = round(io_ns * times)

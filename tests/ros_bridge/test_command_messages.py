@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.cases import cases
 from trocar.procs.ros_messages.command_messages import MESSAGES
 
 NUMBERS = {
@@ -12,7 +13,7 @@ NUMBERS = {
     "framed pose": tuple(range(7)), "cartesian state": (*range(19), 1.0, 0.0, 1.0), "impedance": tuple(range(59))}
 
 
-@pytest.mark.parametrize("kind", MESSAGES)
+@cases("kind", MESSAGES)
 def test_each_message_gives_back_what_was_put_into_it(kind: str) -> None:
     row, numbers = MESSAGES[kind], NUMBERS.get(kind, (0.1, 0.2, 0.3))
     made = row.made(numbers, "PSM1_base")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
+from tests.cases import cases
 from tests.command_rows import row_named
 from tests.stock import ROOT
 from trocar.procs.config.loading.load import load_system
@@ -93,7 +93,7 @@ def test_every_command_of_an_arm_is_there_with_its_type() -> None:
     assert rows(ASKED) <= {(row.topic, short(row.taken.message)) for row in COMMAND_TOPICS if row.kind == "arm"}
 
 
-@pytest.mark.parametrize("kind", OTHERS)
+@cases("kind", OTHERS)
 def test_consoles_teleoperations_and_the_others_take_what_they_take_from_the_original(kind: str) -> None:
     assert set(OTHERS[kind].split()) <= {row.topic for row in COMMAND_TOPICS if row.kind == kind}
 
@@ -182,7 +182,7 @@ def test_arms_of_a_system_are_asked_what_their_type_is_asked() -> None:
     assert "set_endoscope_type" in topics["ECM"] and "jaw/move_jp" not in topics["ECM"]
 
 
-@pytest.mark.parametrize(("command", "numbers", "text", "expected"), [
+@cases(("command", "numbers", "text", "expected"), [
     ("arm.state_command", [], "enable", True), ("arm.state_command", [], " home ", True),
     ("arm.state_command", [], "disable", False), ("arm.state_command", [], "pause", False),
     ("arm.state_command", [], "resume", True), ("io.power_on", [], "", True), ("system.home", [], "", True),

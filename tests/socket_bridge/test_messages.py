@@ -15,6 +15,7 @@ from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
 from websockets.uri import parse_uri
 
+from tests.cases import cases
 from tests.examples import examples
 from trocar.procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
 from trocar.procs.socket_bridge.framing import Ended, LineFraming, WebSocketFraming, framing_of
@@ -45,7 +46,7 @@ def test_random_parts_are_messages_or_mistakes(op: str, parts: dict[str, Any]) -
     assert outcome(json.dumps({"op": op, **parts}).encode())
 
 
-@pytest.mark.parametrize("values", ["NaN", "[1" + "0" * 400 + "]", "[true]", '["1"]', "[[1]]", "{}", "1", '"x"'])
+@cases("values", ["NaN", "[1" + "0" * 400 + "]", "[true]", '["1"]', "[[1]]", "{}", "1", '"x"'])
 def test_what_are_no_numbers_is_a_mistake(values: str) -> None:
     assert isinstance(outcome(json.dumps(CALL)[:-1].encode() + f', "values": {values}}}'.encode()), str)
 

@@ -171,8 +171,13 @@ class FakePotLink:
     problems: dict[str, str] = field(default_factory=dict)
     silent: set[str] = field(default_factory=set)
     odd: dict[str, bytes] = field(default_factory=dict)
+    period_ns: int = 0
+    next_ns: int = 0
 
     def poll(self, now_ns: int) -> list[tuple[str, bytes]]:
+        if now_ns < self.next_ns:
+            return []
+        self.next_ns = now_ns + self.period_ns
         base = np.zeros((2, 4))
         for arm, counts in zip(self.cart.arms, self.counts, strict=True):
             base[:, arm.base_pot] = counts[:, 0]

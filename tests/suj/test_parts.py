@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from tests.io.harness import FakeCommand
 from tests.suj.harness import SetupHarness, system_of
 from trocar.procs.document.cart import Cart, CartArm
@@ -208,9 +209,9 @@ def test_the_second_reading_after_a_clutch_is_believed(si: SetupHarness) -> None
     assert si.field("rounds").item() - before == 2 * len(si.cart.arms)
 
 
-@pytest.mark.parametrize("reading", [b"", b"{}", b"[]", b'{"pots": 3}', b'{"pots": [[1, 2], [3]]}',
-                                     b'{"pots": [[], []]}', b'{"pots": [[NaN], [1]]}', b'{"pots": [[1], [2], [3]]}',
-                                     b"\xff", b'{"pots": [["a"], [1]]}', b"[" * 100000])
+@cases("reading", [b"", b"{}", b"[]", b'{"pots": 3}', b'{"pots": [[1, 2], [3]]}',
+                   b'{"pots": [[], []]}', b'{"pots": [[NaN], [1]]}', b'{"pots": [[1], [2], [3]]}',
+                   b"\xff", b'{"pots": [["a"], [1]]}', b"[" * 100000])
 def test_what_is_no_reading_is_refused(reading: bytes) -> None:
     with pytest.raises(ValueError, match="not a reading"):
         counts(reading)

@@ -10,6 +10,7 @@ from tests.suj.fake_cart import MS
 from tests.suj.test_edges import QuietCart
 from trocar.procs.document.cart import CLASSIC, FIXED, SI
 from trocar.procs.suj.machine import SetupState
+from trocar.procs.suj.si import EmulatedBoards
 
 BUTTON = "SUJ_clutch_3"  # of PSM1's plug
 AWAY_MS = {"stalled for 31 ms": 31, "killed": 500}
@@ -36,7 +37,7 @@ def almost_enabled(cart: QuietCart) -> None:
 
 def enabled(cart: QuietCart) -> None:
     cart.ask("state_command", "home")
-    cart.run(700)
+    cart.run(100)
     assert cart.now_in is SetupState.ENABLED, cart.log
 
 
@@ -95,6 +96,7 @@ STATES = [
 def test_all_that_a_new_process_orders_of_io_is_accepted(kind: str, reach: Callable[[QuietCart], None],
                                                          away: str) -> None:
     cart = QuietCart(kind)
+    cart.link.period_ns = EmulatedBoards.PERIOD_NS
     cart.run(20)
     reach(cart)
     assert cart.io.refused == []

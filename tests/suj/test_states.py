@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.cases import cases
 from tests.io.harness import FakeCommand
 from tests.suj.harness import FakeSetupReports
 from trocar.procs.node.fault_report import NO_FAULT, FaultReport
@@ -58,7 +59,7 @@ AFTER = {
 }
 
 
-@pytest.mark.parametrize(("state", "word"), AFTER)
+@cases(("state", "word"), AFTER)
 def test_every_word_leads_where_it_should(state: SetupState, word: str) -> None:
     bench = StatesBench(state)
     request = bench.say(word)
@@ -68,8 +69,8 @@ def test_every_word_leads_where_it_should(state: SetupState, word: str) -> None:
     assert request.outcome == ("accepted" if waits else "done")
 
 
-@pytest.mark.parametrize("state", SetupState)
-@pytest.mark.parametrize("word", ["pause", "resume", "", "Enable", "fly"])
+@cases("state", SetupState)
+@cases("word", ["pause", "resume", "", "Enable", "fly"])
 def test_other_words_are_refused_with_a_reason(state: SetupState, word: str) -> None:
     bench = StatesBench(state)
     request = bench.say(word)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
+from tests.cases import cases
 from trocar.procs.document.system import Process
 from trocar.procs.supervisor.judge import HUNG, LATE, OWN_LATE_NS, RESUMED, Judge, JudgedProcess
 from trocar.procs.tables.manifest import SIMULATED_HUNG_S, hung_s, late_s, rest_periods, silence_s
@@ -88,7 +89,7 @@ def test_who_waits_for_one_that_hangs_is_spared() -> None:
     assert found == [f"boards {HUNG}"]
 
 
-@pytest.mark.parametrize(("kind", "period_s", "late", "silence", "hung"), [
+@cases(("kind", "period_s", "late", "silence", "hung"), [
     ("io", 1 / 1500, 0.03, 0.03, 1.0), ("arm", 1 / 1500, 0.03, 0.03, 1.0), ("system", 0.01, 0.03, 0.06, 1.0),
     ("teleop", 0.001, 0.03, 0.2, 1.0), ("teleop", 1.0, 2.0, 2.0, 2.0), ("console", 0.1, 0.2, 0.2, 1.0),
 ])
@@ -98,7 +99,7 @@ def test_limits_leave_everybody_time_to_sleep(kind: str, period_s: float, late: 
     assert (late_s(row), silence_s(row), hung_s(row, simulated=False)) == pytest.approx((late, silence, hung))
 
 
-@pytest.mark.parametrize(("kind", "period_s", "timeout_s", "periods"), [
+@cases(("kind", "period_s", "timeout_s", "periods"), [
     ("arm", 1 / 1500, 0.03, 15), ("arm", 1 / 1500, 0.006, 3), ("arm", 1 / 1500, 0.001, 1), ("arm", 0.02, 0.03, 1),
     ("teleop", 0.001, math.inf, 100), ("console", 0.01, math.inf, 2), ("io", 1 / 1500, math.inf, 1),
 ])

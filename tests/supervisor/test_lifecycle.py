@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import itertools
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from tests.supervisor.played import Clock, PlayedProcess, played
 from trocar.procs.supervisor.children import Child
 
@@ -42,7 +42,7 @@ def beat(child: Child, process: PlayedProcess, event: str) -> None:
     assert process.begun == before
 
 
-@pytest.mark.parametrize("pair", list(itertools.product(STATES, EVENTS)), ids="-".join)
+@cases("pair", list(itertools.product(STATES, EVENTS)))
 def test_every_pair_goes_where_the_design_says(pair: tuple[str, str]) -> None:
     child, process = played("force", "arm", Clock())
     for event in STATES[pair[0]]:

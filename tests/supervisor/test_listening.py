@@ -12,6 +12,7 @@ from contextlib import closing
 
 import pytest
 
+from tests.cases import cases
 from trocar.procs.document.process import Process, host_and_port
 from trocar.procs.node.setup_error import SetupError
 from trocar.procs.supervisor.listening import LOOK_NS, Listening
@@ -96,8 +97,8 @@ def test_a_program_gets_the_sockets_as_from_systemd(listening: Listening) -> Non
             assert client.recv(100) == str(each.getsockname()[1]).encode()
 
 
-@pytest.mark.parametrize("address", ["8080", "localhost:8080", "127.0.0.1", "127.0.0.1:", "127.0.0.1:0", "::1:8080",
-                                     "127.0.0.1:65536", "127.0.0.1:-1", "[127.0.0.1:80"])
+@cases("address", ["8080", "localhost:8080", "127.0.0.1", "127.0.0.1:", "127.0.0.1:0", "::1:8080",
+                   "127.0.0.1:65536", "127.0.0.1:-1", "[127.0.0.1:80"])
 def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(ValueError):
         host_and_port(address)

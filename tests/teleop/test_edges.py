@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from tests.teleop.harness import EcmHarness, TeleopHarness
 from trocar.procs.kinematics.poses import angle_between, conjugate, product
 from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, waiting_for
@@ -57,7 +58,7 @@ def test_a_twist_is_scaled_and_what_is_locked_does_not_move() -> None:
         assert list(found) == [*(0.5 * twist[:3] * linear * moves), *(twist[3:] * angular * turns)]
 
 
-@pytest.mark.parametrize(("gripper", "roll", "active"), [
+@cases(("gripper", "roll", "active"), [
     (3.0, 0.0, True), (2.999, 0.0, False), (0.0, 2.0, True), (0.0, 1.999, False),
     (2.5, 1.5, False), (2.5, 1.501, True), (2.501, 1.5, True), (math.nan, 2.0, True), (math.nan, math.nan, False)])
 def test_presence_is_a_gripper_or_a_roll_that_moved_or_a_bit_of_both(gripper: float, roll: float, active: bool) -> None:

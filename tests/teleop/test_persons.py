@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from tests.arm.fake_requests import FakeRequest
+from tests.cases import cases
 from tests.teleop.harness import EcmHarness, TeleopHarness
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.origins import Origin
@@ -41,8 +42,8 @@ def test_a_fault_of_an_arm_ends_it_and_it_asks_for_nothing_that_powers() -> None
     assert not [sent for arm in harness.arms.values() for sent in arm.sent if sent[0] == "state_command"]
 
 
-@pytest.mark.parametrize("made", [TeleopHarness, EcmHarness])
-@pytest.mark.parametrize("scale", [20.0, 1.0001, 0.0, -0.2, math.nan])
+@cases("made", [TeleopHarness, EcmHarness])
+@cases("scale", [20.0, 1.0001, 0.0, -0.2, math.nan])
 def test_a_slave_is_never_made_faster_than_its_master(made: type[TeleopHarness], scale: float) -> None:
     harness = made().follow()
     assert harness.send("set_scale", scale).outcomes == ["refused"]

@@ -10,6 +10,7 @@ from uuid import uuid4
 
 import pytest
 
+from tests.cases import cases
 from tests.conftest import World
 from trocar.procs.crtk.calls import Calls, CommandOwner
 from trocar.procs.crtk.last_look import LastLook
@@ -45,7 +46,7 @@ def numbers(argument: Argument, value: float) -> list[float]:
     return [float(round(nearest)) if argument.whole else nearest] * count
 
 
-def cases(kind: str) -> Iterator[Case]:
+def every_case(kind: str) -> Iterator[Case]:
     """Every row with all of its texts, and with values that are all 0, all 1 and others."""
     for row in COMMANDS[kind]:
         words = row.text.split("|") if "|" in row.text and " " not in row.text else ["PSM1" if row.text else ""]
@@ -116,7 +117,7 @@ def test_the_mailbox_lets_a_process_through_with_an_operators_command_or_where_n
         world: World, kind: str, box: Mailbox, origin: Origin) -> None:
     client = LoopClient(world.name, OWNER)
     client.on_behalf(origin)
-    for row, text, values in cases(kind):
+    for row, text, values in every_case(kind):
         assert client.send(row.name, values, text)
         needed = effect(row, text, values) in AUTHORIZED
         assert (came(box) == [row.name]) is (origin.generation == 1 or not needed), (row.name, text, values)
@@ -128,7 +129,7 @@ def test_the_command_line_and_python_are_operators_whose_commands_always_count(
         world: World, kind: str, box: Mailbox) -> None:
     with Remote(world.name, OWNER) as remote:
         assert isinstance(remote, Client)
-        for row, text, values in cases(kind):
+        for row, text, values in every_case(kind):
             remote.send(row.name, values, text)
             assert came(box) == [row.name], (row.name, text, values)
             remote.poll()
@@ -138,7 +139,7 @@ def test_the_command_line_and_python_are_operators_whose_commands_always_count(
 def test_the_socket_lets_through_what_its_rights_allow(world: World, kind: str, box: Mailbox, rights: Rights) -> None:
     owners = {OWNER: CommandOwner(kind, {row.name: row for row in COMMANDS[kind]})}
     calls = Calls(world.name, owners, rights, lambda: False)
-    for row, text, values in cases(kind):
+    for row, text, values in every_case(kind):
         allowed = rights.commands and (rights.powers or not is_powerful(row, text, values))
         if allowed:
             calls.send(1, OWNER, row.name, values, text)
@@ -165,7 +166,7 @@ def test_ros_lets_through_what_it_may_power(
     last_look = LastLook(faults.generation)
     commands = Commands(participant, world.name, [Addressee(OWNER, kind)], RosBridge(may_power=may_power), refusals,
                         joints=lambda view: absent, last_look=last_look, refuse_move=lambda to: None)
-    for row, text, values in cases(kind):
+    for row, text, values in every_case(kind):
         last_look.look()
         if row.ros is None:
             continue
@@ -189,7 +190,7 @@ def test_a_page_without_control_gives_stops_only(world: World, kind: str, box: M
     browsers = Browsers(ConsoleService(world.name, owners, absent, lambda: False, absent, "r", lambda: 1))
     page = browsers.come(socket, "page")
     service = browsers.served
-    for row, text, values in cases(kind):
+    for row, text, values in every_case(kind):
         now_ns = monotonic_ns()
         if has_control:
             service.control.take("page", now_ns, over=True)
@@ -203,7 +204,7 @@ def test_a_page_without_control_gives_stops_only(world: World, kind: str, box: M
     browsers.close()
 
 
-@pytest.mark.parametrize(("kind_name", "text", "values", "powers", "authorized"), [
+@cases(("kind_name", "text", "values", "powers", "authorized"), [
     ("teleop.state_command", "enable", [], True, True), ("teleop.state_command", "align_MTM", [], True, True),
     ("teleop.state_command", "disable", [], False, False), ("console.teleop_enable", "", [1.0], True, True),
     ("console.teleop_enable", "", [0.0], False, False), ("console.select_teleop", "MTMR_PSM1", [], True, True),

@@ -6,13 +6,14 @@ import itertools
 
 import pytest
 
+from tests.cases import cases
 from trocar.procs.tables.bring_up import DISABLE, ENABLE, HOME, ORDER, next_word, obstacle, reached
 
 STATES = ("", "DISABLED", "ENABLED", "PAUSED", "FAULT")
 GOALS = (ENABLE, HOME, DISABLE)
 
 
-@pytest.mark.parametrize(("word", "asked", "state"), [*itertools.product(GOALS, ORDER, STATES)])
+@cases(("word", "asked", "state"), [*itertools.product(GOALS, ORDER, STATES)])
 def test_words_come_once_and_in_order_and_none_beyond_the_goal(word: str, asked: str, state: str) -> None:
     found = next_word(word, asked, state)
     assert not found or ORDER.index(asked) < ORDER.index(found) <= ORDER.index(word)

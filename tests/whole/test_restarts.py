@@ -47,9 +47,9 @@ STATES: Final[dict[str, Steps]] = {
     "arms are powered": (("system", "power_off", (), ""), ("system", "power_on", (), "")),
     "arms are homed": (("system", "power_off", (), ""), ("system", "home", (), "")),
 }
-NONE: Final = (("console", "teleop_enable", (0.0,), ""), ("console", "emulate_operator_present", (0.0,), ""),
-               ("console", "emulate_clutch", (0.0,), ""), ("console", "emulate_camera", (0.0,), ""),
-               ("console", "set_scale", (0.2,), ""))
+RELEASED: Final = tuple(("console", f"emulate_{button}", (0.0,), "") for button in
+                        ("operator_present", "clutch", "camera"))
+NONE: Final = (("console", "teleop_enable", (0.0,), ""), *RELEASED, ("console", "set_scale", (0.2,), ""))
 SHORT_S: Final = 0.05  # in the middle of what it is doing
 
 
@@ -93,9 +93,17 @@ class Restarts(Room):
                 continue
             assert self.says(owner, command, *values, text=text, seconds=seconds) in ("done", "accepted"), command
 
+    def does_at_once(self, steps: Steps) -> bool:
+        """Whether all was done that was sent in one cycle."""
+        sent = {(owner, self.people[owner].send(command, values, text)) for owner, command, values, text in steps}
+        self.host.run(SHORT_S)
+        replies = {(owner, reply.id): reply.outcome for owner in {owner for owner, _ in sent}
+                   for reply in self.people[owner].poll()}
+        return all(replies.get(each) == "done" for each in sent)
+
     def ready(self) -> None:
         """Homed, nothing is wanted, nothing pressed."""
-        self.do(NONE)
+        assert self.does_at_once(NONE)
         self.says("system", "home")
         for _ in range(100):
             if self.homed() and not any(ring.field("is_busy").item() for ring in self.arms.values()):
@@ -134,8 +142,7 @@ def test_what_a_new_loop_asks_for_is_accepted_whatever_it_was_doing(room: Restar
     assert not room.audits.refused()
     room.host.restart(which, killed=killed)
     room.host.run(0.15)
-    for button in ("emulate_operator_present", "emulate_clutch", "emulate_camera"):
-        room.says("console", button, 0.0, seconds=SHORT_S)
+    room.does_at_once(RELEASED)
     room.says("console", "emulate_operator_present", 1.0, seconds=0.15)
     assert not room.audits.refused()
 

@@ -128,7 +128,7 @@ def _parse(text: str, is_yaml: bool) -> Parsed:
     return parse_yaml(text) if is_yaml else parse_json(text)
 
 
-_again = functools.lru_cache(maxsize=64)(_parse)  # a program may load a system, or several, repeatedly
+_again = functools.lru_cache(maxsize=256)(_parse)  # a program may load a system, or several, repeatedly
 
 
 def _as_source(path: Path, parsed: Parsed) -> tuple[SourceFile | None, list[FileProblem]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.boards.harness import ENABLE, MASK, MS, ON, VALID, Desk, board
+from tests.cases import cases
 from trocar.procs.fpga import registers as reg
 from trocar.procs.fpga import wire
 
@@ -88,8 +89,8 @@ def test_words_from_rev_8_on_command_with_the_valid_bit_and_mode_0(firmware: int
     assert _commands(desk) == [0xFFFF, 0, 0x8000, 0x8000]
 
 
-@pytest.mark.parametrize("firmware", [8, 9])
-@pytest.mark.parametrize("word", [ON, MASK, ENABLE, 0, VALID | ON | 0x9000, VALID | MASK, VALID | 0x9000])
+@cases("firmware", [8, 9])
+@cases("word", [ON, MASK, ENABLE, 0, VALID | ON | 0x9000, VALID | MASK, VALID | 0x9000])
 def test_enables_in_a_block_come_before_its_power(firmware: int, word: int) -> None:
     desk = Desk(board(firmware))
     desk.group(word, 0, 0, 0, reg.CONTROL_POWER_ON)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from tests.boards.harness import MS, ON, Desk, board
+from tests.cases import cases
 from trocar.procs.boards.controllers import power
 from trocar.procs.boards.controllers.models import models_of
 from trocar.procs.document.system import Controller
@@ -27,7 +27,7 @@ def powered() -> Desk:
     return desk
 
 
-@pytest.mark.parametrize("address", [reg.DAC | 0x10, reg.DIGITAL_OUTPUT, reg.HARDWARE_ID, 0x0F, 0x5E, 0x9000])
+@cases("address", [reg.DAC | 0x10, reg.DIGITAL_OUTPUT, reg.HARDWARE_ID, 0x0F, 0x5E, 0x9000])
 def test_any_register_write_refreshes_the_watchdog(address: int) -> None:
     desk = two(watchdog=4)
     for _ in range(5):
@@ -136,7 +136,7 @@ def test_relay_closes_after_its_travel_and_ignores_the_watchdog() -> None:
 # -- current check -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("asked", "measured", "trips"), [
+@cases(("asked", "measured", "trips"), [
     (0x9000, 0x9900, False), (0x9000, 0x9901, True), (0x7000, 0x9900, True), (0x7000, 0x98FF, False),
     (0x8000, 0x8902, True), (0x8000, 0x8300, False), (0x9000, 0x66FE, True), (0x9000, 0x6700, False),
     (0xF6FF, 0xFFFF, False), (0x0900, 0xFFFF, False), (0xF000, 0xF901, True), (0x0000, 0x0000, False),

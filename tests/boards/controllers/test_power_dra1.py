@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.boards.harness import COLLECT, MASK, MS, ON, VALID, Desk, board
+from tests.cases import cases
 from trocar.procs.boards.controllers import digital, power
 from trocar.procs.boards.controllers.espm import SUPPLY_BITS
 from trocar.procs.boards.devices.dallas import instrument_memory
@@ -202,7 +203,7 @@ def test_in_voltage_mode_a_duty_cycle_is_commanded(ratio: float, amperes: float)
 # -- faults ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("axis", "bits", "counts"), [
+@cases(("axis", "bits", "counts"), [
     (0, 0x200, False), (0, 0x201, True), (1, -0x201, True), (2, 0x800, False), (2, 0x801, True), (9, -0x801, True)])
 def test_the_deviation_counts_down_and_is_looked_at_only_when_the_amplifier_goes_off(axis: int, bits: int,
                                                                                      counts: bool) -> None:
@@ -348,7 +349,7 @@ def test_periods_are_measured_by_a_clock_of_80_mhz() -> None:
     assert 4 / (far / 80e6) == pytest.approx(rate * reg.CLOCK_HZ, rel=0.01)
 
 
-@pytest.mark.parametrize(("address", "value"), [
+@cases(("address", "value"), [
     (0x06, 0), (0x0D, 0), (0x0E, 0), (0x6000, 0), (0x8000, 0), (0x18, 0xCCCC), (0x1B, 0xCCCC), (0x12, 0xCCCC),
     (0xA5, 0), (0x9010, 0), (0x9011, 2000), (0x9012, 200), (0x9013, 1000), (0x9014, 1000), (0x9015, 0), (0x9016, 0),
     (0x9019, 0xCCCC_CCCC), (0x9001, 0), (0x90B1, 0), (0xB000, 0), (0xB002, 0), (0xB003, 0xCCCC), (0xB004, 0x3FF),

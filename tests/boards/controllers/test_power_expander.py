@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.boards.harness import MASK, MS, ON, VALID, Desk, board
+from tests.cases import cases
 from trocar.procs.boards.controllers import power
 from trocar.procs.boards.controllers.motors import COMPARATOR_VOLTS, SUPPLY_VOLTS, WINDING_OHMS
 from trocar.procs.fpga import registers as reg
@@ -177,7 +178,7 @@ def test_voltages_beyond_what_an_amplifier_drives_end_at_full_current() -> None:
     assert [int(bits) for bits in desk.lines.dac[0, :2]] == [0xFFFF, 0]
 
 
-@pytest.mark.parametrize("mode", range(2, 16))
+@cases("mode", range(2, 16))
 def test_other_modes_are_ignored_with_their_value(mode: int) -> None:
     desk = _on()
     desk.dac(0, VALID | ON | mode << 24 | 0x9000)

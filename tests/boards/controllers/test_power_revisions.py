@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.boards.harness import ENABLE, MASK, MS, ON, VALID, Desk, board
+from tests.cases import cases
 from trocar.procs.boards.controllers import power
 from trocar.procs.document.system import Quirks
 from trocar.procs.fpga import registers as reg
@@ -61,8 +62,8 @@ def test_the_watchdog_has_fired_before_anybody_writes(firmware: int) -> None:
     assert desk.read() == 0x43B0_0000
 
 
-@pytest.mark.parametrize("firmware", ALL)
-@pytest.mark.parametrize(("address", "value", "clears"), [
+@cases("firmware", ALL)
+@cases(("address", "value", "clears"), [
     (0x00, reg.CONTROL_POWER_ON, ALL), (0x00, 0x0101, ALL), (0x00, 0x0808, ALL), (0x00, reg.CONTROL_POWER_OFF, ()),
     (0x00, 0x0004_0000, ()), (0x00, 0x0F00, ()), (0x00, 0x000F, ()), (0x00, 0, ()), (0x00, reg.CONTROL_RELAY_ON, ()),
     (0x11, ON, (8, 9)), (0x41, VALID | ON, (8, 9)), (0x11, MASK, ()), (0x11, ENABLE, ()), (0x11, VALID | 0x8000, ()),
@@ -135,10 +136,10 @@ def test_the_lowest_status_bits_are_requests_or_the_feedback_again(firmware: int
     assert desk.read() & 0xF0F == 0xD00 | (0xF if low else 0xD)
 
 
-@pytest.mark.parametrize("firmware", ALL)
-@pytest.mark.parametrize("power_requested", [False, True])
-@pytest.mark.parametrize("word", [0x0000, 0x0100, 0x0001, 0x0101])
-@pytest.mark.parametrize("before", [False, True])
+@cases("firmware", ALL)
+@cases("power_requested", [False, True])
+@cases("word", [0x0000, 0x0100, 0x0001, 0x0101])
+@cases("before", [False, True])
 def test_an_enable_changes_with_its_mask_bit_and_never_without_power(firmware: int, power_requested: bool, word: int,
                                                                      before: bool) -> None:
     desk = _on(firmware) if before else Desk(board(firmware))

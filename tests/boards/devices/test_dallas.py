@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.cases import cases
 from tests.examples import examples
 from trocar.procs.boards.devices.dallas import BIDIRECTIONAL, BUSY, PROBING, Dallas, instrument_memory
 from trocar.procs.fpga.instrument import MEMORY_BYTES
@@ -210,7 +211,7 @@ def test_memory_of_an_instrument_has_its_fields_in_place() -> None:
     assert instrument_memory("x" * 28, (1 << 24) - 1, 255)[0x160:0x17C] == b"x" * 28
 
 
-@pytest.mark.parametrize(("name", "model", "version"), [
+@cases(("name", "model", "version"), [
     ("x" * 29, 1, 1), ("Größe", 1, 1), ("a\0b", 1, 1), ("x", 1 << 24, 1), ("x", -1, 1), ("x", 1, 256), ("x", 1, -1)])
 def test_fields_that_do_not_fit_are_refused(name: str, model: int, version: int) -> None:
     with pytest.raises(ValueError, match="allowed"):

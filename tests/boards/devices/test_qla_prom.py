@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.boards.devices.prom_host import MS, PromHost
+from tests.cases import cases
 from trocar.procs.boards.devices import flash
 from trocar.procs.boards.devices.prom import QlaProm
 
@@ -40,7 +41,7 @@ def test_qla_commands_take_128_ticks_a_byte() -> None:
     assert prom.status(1000 + 387 + 4 * 512) == 0
 
 
-@pytest.mark.parametrize("sent", ["d8000000", "d80000", "c7", "b9", "ab000000", "9f", "77"])
+@cases("sent", ["d8000000", "d80000", "c7", "b9", "ab000000", "9f", "77"])
 def test_eeprom_knows_no_commands_of_the_flash(sent: str) -> None:
     chip = flash.Chip(flash.E25AA128)
     chip.load(0, b"data")

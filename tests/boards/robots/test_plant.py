@@ -11,6 +11,7 @@ import pytest
 
 from tests import stock
 from tests.boards.robots.arms import LND, PERIOD, arm, psm, robot, system
+from tests.cases import cases
 from trocar.procs.boards.robots.mechanics import DISC
 from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.kinematics.coupling import coupling
@@ -130,7 +131,7 @@ def test_every_axis_is_heavy_enough_for_its_gain() -> None:
     assert DISC.armature >= 2 * PSM_KD[3] * PERIOD
 
 
-@pytest.mark.parametrize("tool", stock.TOOLS)
+@cases("tool", stock.TOOLS)
 def test_every_instrument_is_heavy_enough_for_the_gains_and_stands_within_its_stops(tool: str) -> None:
     plant = psm(tool)
     assert np.linalg.eigvalsh(plant.motor_inertia()[3:, 3:]).min() >= 2 * PSM_KD[3] * PERIOD
@@ -179,7 +180,7 @@ def test_the_seed_decides_where_arms_stand() -> None:
     assert (np.abs(psm().position) > 1e-3).all()
 
 
-@pytest.mark.parametrize(("file", "seed"), [
+@cases(("file", "seed"), [
     ("PSM", 1), ("PSM_Si", 2), ("ECM", 3), ("ECM_Si", 1), ("MTML", 2), ("MTMR", 3)])
 def test_every_arm_stands_well_within_its_limits_at_switch_on(file: str, seed: int) -> None:
     kind, chain = file[:3], stock.chain(file)

@@ -9,6 +9,7 @@ import pytest
 
 from tests import stock
 from tests.boards.robots.arms import arm, psm, robot, si, system
+from tests.cases import cases
 from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.kinematics.coupling import coupling
 from trocar.procs.kinematics.endoscopes import NAMES, endoscope
@@ -25,8 +26,8 @@ def drawn(chain: Kinematics, name: str) -> np.ndarray:
     return generator.uniform(chain.lower, chain.upper, (DRAWS, chain.n))
 
 
-@pytest.mark.parametrize("tool", TOOLS)
-@pytest.mark.parametrize("generation", ["Classic", "Si"])
+@cases("tool", TOOLS)
+@cases("generation", ["Classic", "Si"])
 def test_both_models_of_a_psm_agree_with_every_instrument(generation: str, tool: str) -> None:
     instrument = stock.tool(tool)
     plant, name, file = psm(tool), "PSM1", "PSM"

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.cases import cases
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox import place as p
 from trocar.shm.mailbox.mailbox import MAX_STOPS, Mailbox
@@ -206,7 +207,7 @@ def test_stops_of_things_that_are_not_there_do_not_fill_the_memory(open_now: Any
     assert len(box._stops) <= MAX_STOPS
 
 
-@pytest.mark.parametrize(("kind", "name", "values", "text", "stops"), [
+@cases(("kind", "name", "values", "text", "stops"), [
     ("arm", "hold", (), "", True), ("arm", "state_command", (), "disable", True),
     ("arm", "state_command", (), "pause", True), ("arm", "state_command", (), "enable", False),
     ("arm", "servo_jf", (0.0, 0.0), "", False), ("arm", "free", (), "", False),

@@ -8,6 +8,7 @@ import struct
 
 import pytest
 
+from tests.cases import cases
 from trocar.shm.mailbox import mailbox_map
 from trocar.shm.memory.layout import LINE, LayoutError, cut_text, schema_from_json, schema_of
 from trocar.shm.topics import COMMAND, IO_STATE, SETPOINT, TOPICS, Field, Topic
@@ -18,7 +19,7 @@ SMALL = Topic("small", "io", rate_hz=10, depth=10, fields=(
     Field("a", "(2,)<f8", "m", "one"), Field("b", "?", "", "two")))
 
 
-@pytest.mark.parametrize("topic", TOPICS, ids=lambda t: f"{t.writer}-{t.name}")
+@cases("topic", TOPICS)
 def test_every_row_becomes_a_schema(topic: Topic) -> None:
     schema = schema_of(topic, DIMS)
     assert schema.stride % LINE == 0 and schema.stride >= schema.dtype.itemsize
@@ -26,14 +27,14 @@ def test_every_row_becomes_a_schema(topic: Topic) -> None:
     assert (schema.offset("sequence"), schema.offset("stamp_ns")) == (0, 8)
 
 
-@pytest.mark.parametrize("topic", TOPICS, ids=lambda t: f"{t.writer}-{t.name}")
+@cases("topic", TOPICS)
 def test_the_schema_survives_its_header_text(topic: Topic) -> None:
     schema = schema_of(topic, DIMS)
     again = schema_from_json(schema.text)
     assert again == schema and again.dtype == schema.dtype
 
 
-@pytest.mark.parametrize("topic", TOPICS, ids=lambda t: f"{t.writer}-{t.name}")
+@cases("topic", TOPICS)
 def test_every_field_explains_itself(topic: Topic) -> None:
     assert all(f.text for f in topic.fields)
     views = [part for view in topic.views for _, part in view.fields] + [v.where for v in topic.views]
@@ -65,15 +66,15 @@ def test_a_missing_size_names_the_field() -> None:
         schema_of(IO_STATE, {"robots": 1})
 
 
-@pytest.mark.parametrize("dtype", ["O", "<f3", ">f8", "V8", "S0", "<U4", "object", "(2,)O", "(-1,)<f8", "(x,)<f8",
-                                   "f8,f8"])
+@cases("dtype", ["O", "<f3", ">f8", "V8", "S0", "<U4", "object", "(2,)O", "(-1,)<f8", "(x,)<f8",
+                 "f8,f8"])
 def test_dtypes_that_have_no_place_in_memory_are_refused(dtype: str) -> None:
     text = json.dumps({"topic": "t", "fields": [{"name": "a", "dtype": dtype}]}).encode()
     with pytest.raises(LayoutError):
         schema_from_json(text)
 
 
-@pytest.mark.parametrize("text", [
+@cases("text", [
     b"", b"[]", b"{}", b"\xff\xfe", b'{"topic":"t"}', b'{"topic":"t","fields":3}', b'{"topic":"t","fields":[1]}',
     b'{"topic":"t","fields":[{"name":"a"}]}', b"[" * 100_000,
     b'{"topic":"t","fields":[{"name":"sequence","dtype":"u1"}]}',

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.cases import cases
 from tests.shm.memory.layout_page import ROOT, TEXT, code, number, places, records, table, tables
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox import generations as faults
@@ -140,7 +141,7 @@ SENTENCES = [
 ]
 
 
-@pytest.mark.parametrize("sentence", SENTENCES)
+@cases("sentence", SENTENCES)
 def test_numbers_in_sentences_are_those_of_the_code(sentence: str) -> None:
     assert sentence in " ".join(TEXT.split())
 

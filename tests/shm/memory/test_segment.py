@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from tests.cases import cases
 from trocar.shm.memory import shm_files
 from trocar.shm.memory.layout import MAX_DEPTH, schema_of
 from trocar.shm.memory.owners import SERVICE_USER
@@ -127,7 +128,7 @@ def test_a_group_we_are_not_in_is_refused(world: Any, monkeypatch: pytest.Monkey
     assert names_of(world.name) == []
 
 
-@pytest.mark.parametrize("bad", ["", "a b", "a~b", "../x", "a/b", "ä", "a\n", "x" * 65, "a.b"])
+@cases("bad", ["", "a b", "a~b", "../x", "a/b", "ä", "a\n", "x" * 65, "a.b"])
 def test_names_are_checked(bad: str) -> None:
     with pytest.raises(SegmentError, match="allowed are"):
         segment_name(bad, "PSM1", "state")
