@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -25,6 +29,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserPage]:
         robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}")
         with chromium(f"http://127.0.0.1:{port}") as page:
             page.open()
+            page.system = robot.name
             robot.pids.add(robot.pid("gui"))
             page.take_control()
             homed(page)
@@ -308,4 +313,54 @@ def test_a_jog_that_the_arm_refuses_ends_and_says_why_while_it_is_held(page: Bro
         assert "refused" in page.note() and "power-off" in page.note()
     finally:
         ActionChains(page.driver).release().perform()
+    assert page.wrongs() == []
+
+
+SHOWS = """
+import sys, time
+from trocar.tools.client.remote import Remote
+with Remote(sys.argv[1], "system") as system:
+    system.ask("show_pose", [0.5, -0.3, 0.1, 0.0, 0.0, 0.0], sys.argv[2])
+    print("shown", flush=True)
+    time.sleep(600)
+"""
+
+
+@contextlib.contextmanager
+def showing(page: BrowserPage, name: str) -> Iterator[subprocess.Popen[str]]:
+    """A program that shows a pose of an arm."""
+    with subprocess.Popen([sys.executable, "-c", SHOWS, page.system, name], stdout=subprocess.PIPE, text=True) as program:
+        try:
+            assert program.stdout is not None and program.stdout.readline() == "shown\n"
+            yield program
+        finally:
+            program.kill()
+
+
+GHOST = "document.querySelector('.stage')?.stage?.asked"
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_pose_that_is_asked_for_is_a_ghost_until_the_asking_program_is_killed(
+        page: BrowserPage, size: tuple[int, int]) -> None:
+    page.driver.set_window_size(*size)
+    for path in ("/3d", "/arm/PSM1"):
+        page.open(path)
+        page.until(f"document.querySelector('.stage')?.stage?.isPlaced && !{GHOST}")
+        with showing(page, "PSM1") as program:
+            page.until(f"{GHOST}?.group.visible && {GHOST}.at.length === 8 && {GHOST}.label.textContent === "
+                       "'bring PSM1 here' && !" + f"{GHOST}.label.hidden")
+            moved = page.js(f"const ghost = {GHOST}, own = document.querySelector('.stage').stage.models.PSM1;"
+                            "return ghost.at[3].distanceTo(own.at[3])")
+            assert moved > 0.02, "the arm itself is elsewhere"
+            assert page.js(f"return {GHOST}.body.transparent && {GHOST}.body.opacity") == pytest.approx(0.35)
+            if os.environ.get('SHOT'):
+                page.driver.save_screenshot(f"/tmp/suj_shots{path.replace('/', '_')}_{size[0]}.png")
+            program.kill()
+            page.until(f"!{GHOST} && !document.querySelector('.names .asked')")
+    page.open("/arm/MTMR")
+    with showing(page, "PSM1"):
+        page.until("trocar.data('scene')?.shown?.name === 'PSM1'")
+        page.until("document.querySelector('.stage')?.stage?.shown > 3")
+        assert not page.js(f"return Boolean({GHOST})"), "a page of one arm shows that arm only"
     assert page.wrongs() == []
