@@ -25,7 +25,7 @@ from trocar.tools.commission.person import AtTerminal, Declined, Person
 from trocar.tools.commission.person_sim import AtBoards
 from trocar.tools.commission.report import CommissionReport, fingerprint
 from trocar.tools.commission.stages import NAMES, STAGES, CommissionStage
-from trocar.tools.commission.subject import subjects_of
+from trocar.tools.commission.subject import carts_of, subjects_of
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, note, table, tell
 from trocar.tools.systems.find import supervisor_of, system_file, unknown
@@ -126,6 +126,7 @@ def commission(
 def _check(job: Job, yes: bool) -> None:
     """Problem if the system has no such arms on boards; Misuse for options of the other kind of boards."""
     there = [subject.arm for subject in subjects_of(job.document) if subject.arm]
+    there += [cart.name for cart in carts_of(job.document)]
     if not there:
         raise Problem(f"{job.request.file}: no robot on boards to commission")
     if absent := next((name for name in job.arms if name not in there), None):
@@ -139,7 +140,7 @@ def _check(job: Job, yes: bool) -> None:
 def _files(file: Path, document: SystemConfig, report: Path) -> list[Path]:
     """The report, the files of the system, and those that stages have written beside the report."""
     sources = [Path(robot.source) for io in document.ios for robot in io.robots]
-    sources += [Path(arm.source) for arm in document.arms]
+    sources += [Path(each.source) for each in (*document.arms, *document.carts)]
     made = [path for pattern in MADE for path in sorted(report.parent.glob(pattern))]
     each = {path.resolve(): path for path in (report, file, *sources, *made) if path.is_file()}
     return list({path.name: path for path in each.values()}.values())

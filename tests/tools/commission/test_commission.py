@@ -245,7 +245,7 @@ def test_the_list_of_real_boards_says_what_a_rehearsal_has_passed(kinematic, tmp
     real = tmp_path / DEMO.name
     real.write_text(DEMO.read_text().replace("boards: emulated", "boards: real"))
     listed = CliRunner().invoke(build("commission"), ["commission", str(real), "--list"])
-    assert "1 of 13 stages have passed in a rehearsal: --boards emulated lists those" in " ".join(listed.output.split())
+    assert "1 of 14 stages have passed in a rehearsal: --boards emulated lists those" in " ".join(listed.output.split())
 
 
 def test_what_is_no_report_is_left_alone(kinematic, tmp_path: Path) -> None:
