@@ -221,7 +221,9 @@ class ShownPose:
             arm, kinematics = self._setups[name]
             return {"name": name, "frames": setup_frames(arm, kinematics, position[:arm.joints])}
         scene = arms.get(name)
-        return {"name": name, "frames": scene.at(position[:scene.kinematics.n])["frames"]} if scene is not None else None
+        if scene is None:
+            return None
+        return {"name": name, "frames": scene.at(position[:scene.kinematics.n])["frames"]}
 
     def close(self) -> None:
         """Unmap."""

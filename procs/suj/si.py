@@ -1,8 +1,9 @@
 """Si setup joints: small boards read the potentiometers and send them over Bluetooth; the carried arms' io drives the
 brakes.
 
-Each setup arm has a board for all its joints but the first; the first joints of all arms share the board of the base. In
-carts of 2026 the controllers of the carried arms read all joints, with 12 bits. A reading is JSON: `{"timestamp": ms of the board, "pots": [[first potentiometers], [second ones]]}`, in counts.
+Each setup arm has a board for all its joints but the first; the first joints of all arms share the board of the base.
+In carts of 2026 the controllers of the carried arms read all joints, with 12 bits. A reading is JSON:
+`{"timestamp": ms of the board, "pots": [[first potentiometers], [second ones]]}`, in counts.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from trocar.shm.system.events import Events
 
 STALE_NS: Final = 5_000_000_000  # boards are read several times a second, and a connection takes seconds
 MISSING: Final = -1.0  # count of a potentiometer that the controller of an arm cannot read
-MOST_COUNTS: Final = 4095.0
+MAX_COUNT: Final = 4095.0
 SETTLED: Final = 2  # readings after a release: the first may be from before
 BRAKE_REPEAT_NS: Final = 10_000_000  # io engages the brakes 30 ms after the last command
 MAX_POTS: Final = 8
@@ -190,7 +191,7 @@ class EmulatedBoards:
         self._next_ns = now_ns + self.PERIOD_NS
         read = [np.stack(pots.volts(joints)) for pots, joints in zip(self._pots, self._joints, strict=True)]
         if self._cart.by_arm:
-            return [(arm.board, _reading(now_ns, np.clip(np.round(values), 0.0, MOST_COUNTS)))
+            return [(arm.board, _reading(now_ns, np.clip(np.round(values), 0.0, MAX_COUNT)))
                     for arm, values in zip(self._cart.arms, read, strict=True)]
         base = np.zeros((2, 4))
         for arm, values in zip(self._cart.arms, read, strict=True):

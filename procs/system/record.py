@@ -43,8 +43,8 @@ class SystemRecord:
         fields["task"][...] = bring_up.goal.encode() if bring_up is not None else b""
         waiting = bring_up.waiting if bring_up is not None else ""
         fields["waiting"][...] = shorten(waiting, fields["waiting"].dtype.itemsize)
-        arm, position = commands.shown
-        fields["shown_arm"][...] = arm.encode()
+        shown, position = commands.shown
+        fields["shown_arm"][...] = shown.encode()
         fields["shown_position"][...] = np.nan
         fields["shown_position"][: len(position)] = position
 

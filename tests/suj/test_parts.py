@@ -173,8 +173,8 @@ def test_readings_of_base_and_arm_make_an_si_arm_known(si: SetupHarness) -> None
 def by_arm(tmp_path) -> SetupHarness:
     """The same cart of 2026: the controllers of the carried arms read all joints, with 12 bits."""
     cart = system_of(tmp_path, SI, boards="emulated", folder="dvrk-site/jhu-daVinci-Si").cart("SUJ")
-    arms = tuple(replace(arm, board=arm.name, **{pots: tuple((16.0 * scale, offset) for scale, offset in row) for pots, row
-                                                 in (("primary", arm.primary), ("secondary", arm.secondary))})
+    arms = tuple(replace(arm, board=arm.name, primary=tuple((16.0 * scale, offset) for scale, offset in arm.primary),
+                         secondary=tuple((16.0 * scale, offset) for scale, offset in arm.secondary))
                  for arm in cart.arms)
     cart = replace(cart, by_arm=True, base_board="", arms=arms)
     link = PotBoards(cart)

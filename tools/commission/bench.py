@@ -76,7 +76,7 @@ class RunningBench(Closable):
         for cart in self.carts:
             self._setups[cart.name] = setup = directory.reader(self.system, cart.name, "state", "suj", often=False)
             self._open.callback(setup.close)
-        for io in {each.io for each in (*self.subjects, *self.carts)}:
+        for io in {subject.io for subject in self.subjects} | {cart.io for cart in self.carts}:
             self._readers[io] = reader = directory.reader(self.system, io, "state", "io")
             self._open.callback(reader.close)
             self._remotes[io] = self._open.enter_context(Remote(self.system, io))

@@ -104,7 +104,8 @@ def texts_of(source: str, part: str, key: str) -> dict[str, str]:
     read, problems = read_source(Path(source))
     if read is None:
         raise Problem(f"{source} can no longer be read: {problems[0]}")
-    return {str(row.get("name")): str(row.get(key, "")) for row in read.data.get(part, [])}
+    data: dict[str, Any] = read.data
+    return {str(row.get("name")): str(row.get(key, "")) for row in data.get(part, [])}
 
 
 def _put(data: dict[str, Any], values: Values, source: Path, part: str) -> None:
@@ -115,7 +116,7 @@ def _put(data: dict[str, Any], values: Values, source: Path, part: str) -> None:
             named = f"{robot['name']} {'.'.join(map(str, place))}"
             if not math.isfinite(value):
                 raise Problem(f"{named}: {value:g} cannot be written")
-            into = robot
+            into: Any = robot
             try:
                 for key in place[:-1]:
                     into = into[key]

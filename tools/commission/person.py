@@ -158,7 +158,8 @@ class AtTerminal:
 
     def doing(self, act: Act, text: str) -> Iterator[None]:
         """Have manual work done: yields while the person is at work, until Enter, or for PATIENCE_S."""
-        when = {Rock: "to stop", Settle: "when it is there and its clutch released", Put: "while it is held still", Squeeze: "while it is held"}.get(type(act), "when done")
+        when = {Rock: "to stop", Settle: "when it is there and its clutch released", Put: "while it is held still",
+                Squeeze: "while it is held"}.get(type(act), "when done")
         tell(f"\n{text}\n(press Enter {when})", flush=True)
         end = monotonic_ns() + round((SWEEP_PATIENCE_S if isinstance(act, Sweep | Settle) else PATIENCE_S) * 1e9)
         with contextlib.suppress(GeneratorExit):

@@ -10,15 +10,17 @@ from trocar.procs.kinematics.forward import Kinematics
 from trocar.tools.commission.window import Floats
 
 TOP: Final = ((0, 1, "from above: x to the right, y up"),)
-SIDES: Final = ((0, 2, "along y of its base: x to the right, z up"), (1, 2, "along x of its base: y to the right, z up"))
+SIDES: Final = ((0, 2, "along y of its base: x to the right, z up"),
+               (1, 2, "along x of its base: y to the right, z up"))
 WIDTH, HEIGHT = 48, 11
 TALL: Final = 2.0  # a character is so much higher than wide
 STEPS: Final = 60  # of a line
 
 
 def picture(points: Floats, views: tuple[tuple[int, int, str], ...]) -> str:
-    """Each view, below the other: the base `#`, joints `o`, the tip `x`. `points` (k, 3), from the base to the tip, m."""
-    return "\n".join(line for across, up, text in views for line in (text, *_view(points[:, across], points[:, up]), ""))
+    """Each view, below the other: the base `#`, joints `o`, the tip `x`; `points` (k, 3) are theirs, m."""
+    return "\n".join(line for across, up, text in views
+                     for line in (text, *_view(points[:, across], points[:, up]), ""))
 
 
 def frames_at(kinematics: Kinematics, q: Floats) -> Floats:
@@ -34,12 +36,9 @@ def _view(across: Floats, up: Floats) -> list[str]:
     canvas = np.full((round(float(rows.max())) + 1, round(float(columns.max())) + 1), " ")
     for begin in range(len(across) - 1):
         for share in np.linspace(0.0, 1.0, STEPS):
-            _put(canvas, *(float(row[begin] + share * (row[begin + 1] - row[begin])) for row in (rows, columns)), "·")
+            row, column = (line[begin] + share * (line[begin + 1] - line[begin]) for line in (rows, columns))
+            canvas[round(float(row)), round(float(column))] = "·"
     for row, column, mark in (*zip(rows, columns, "o" * len(rows), strict=True), (rows[-1], columns[-1], "x"),
                               (rows[0], columns[0], "#")):
-        _put(canvas, float(row), float(column), mark)
+        canvas[round(float(row)), round(float(column))] = mark
     return [f"    {''.join(row).rstrip()}" for row in canvas]
-
-
-def _put(canvas: np.ndarray[tuple[int, ...], np.dtype[np.str_]], row: float, column: float, mark: str) -> None:
-    canvas[round(row), round(column)] = mark

@@ -1,8 +1,8 @@
 """Stage `setup_joints`: potentiometers of Classic setup joints, from poses whose joints the person has measured.
 
-As in the original, two poses far apart give scale and offset of each potentiometer: scale = (P1 - P2) / (V1 - V2), offset
-= P1 - scale · V1. A third one in between, in which each joint is at another share of its way, must agree with them: a
-mistyped value, slack and swapped plugs do not.
+As in the original, two poses far apart give scale and offset of each potentiometer: scale = (P1 - P2) / (V1 - V2),
+offset = P1 - scale · V1. A third one in between, in which each joint is at another share of its way, must agree with
+them: a mistyped value, slack and swapped plugs do not.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from trocar.tools.commission.setup_judge import (
     FEWEST,
     JOINTS,
     MeasuredPose,
-    SetupArm,
+    SetupSubject,
     judge_poses,
     judge_pots,
     judge_rest,
@@ -62,8 +62,8 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
         if values:
             io_file.save_and_report(bench, outcome, cart.source, values, folder, write=write, part="arms")
         if outcome.problems:
-            outcome.notes.append(f"{cart.name}: new values of {', '.join(values) or 'no arm'}; when you repeat this stage "
-                                 "with the new file, leave out the arms that have them")
+            outcome.notes.append(f"{cart.name}: new values of {', '.join(values) or 'no arm'}; when you repeat this "
+                                 "stage with the new file, leave out the arms that have them")
             break
     if not bench.carts:
         outcome.notes.append("no Classic setup joints")
@@ -74,14 +74,14 @@ def _cart(bench: RunningBench, cart: Cart, outcome: Outcome) -> dict[str, dict[i
     """New values, by arm."""
     values: dict[str, dict[io_file.Place, float]] = {}
     bench.person.confirm(
-        f"{cart.name} is powered. While its clutch is pressed, a setup arm has no brakes: one person holds it with both "
-        "hands before the other presses the clutch, and PSM3 can sink. Remove instruments and endoscope, hand on the "
-        "emergency stop.", cart.name)
+        f"{cart.name} is powered. While its clutch is pressed, a setup arm has no brakes: one person holds it with "
+        "both hands before the other presses the clutch, and PSM3 can sink. Remove instruments and endoscope, hand on "
+        "the emergency stop.", cart.name)
     kinds = io_file.texts_of(cart.source, "arms", "type")
     try:
         bench.enable_setup(cart)
         for place, row in enumerate(cart.arms):
-            arm = SetupArm(cart, place, FEWEST if kinds.get(row.name) == "ECM" else JOINTS)
+            arm = SetupSubject(cart, place, FEWEST if kinds.get(row.name) == "ECM" else JOINTS)
             if not bench.person.agrees(f"{arm.name}: measure its joints now? (n: leave out)"):
                 outcome.notes.append(f"{arm.name}: left out, its potentiometers are those of its file")
                 continue
@@ -102,7 +102,7 @@ def _cart(bench: RunningBench, cart: Cart, outcome: Outcome) -> dict[str, dict[i
     return values
 
 
-def _measured(bench: RunningBench, arm: SetupArm) -> tuple[list[MeasuredPose], list[Finding]]:
+def _measured(bench: RunningBench, arm: SetupSubject) -> tuple[list[MeasuredPose], list[Finding]]:
     """The three poses; or the problem at which it ended."""
     poses: list[MeasuredPose] = []
     for number, word in enumerate(WORDS):
@@ -118,8 +118,8 @@ def _measured(bench: RunningBench, arm: SetupArm) -> tuple[list[MeasuredPose], l
             before = _at_rest(bench, arm, 2, ROUNDS)  # one is of before, in the next the arm may have come to rest
             if found := judge_rest(before.spread, arm):
                 return poses, found
-            typed = bench.person.measured(f"{arm.name}, {word} pose: joint 1 in mm, joints 2 to {arm.joints} in degrees, "
-                                          "counter-clockwise positive", act)
+            typed = bench.person.measured(f"{arm.name}, {word} pose: joint 1 in mm, joints 2 to {arm.joints} in "
+                                          "degrees, counter-clockwise positive", act)
             after = _at_rest(bench, arm, 1, 1)
         if found := judge_rest(after.volts - before.volts, arm, moved=True):
             return poses, found
@@ -127,7 +127,7 @@ def _measured(bench: RunningBench, arm: SetupArm) -> tuple[list[MeasuredPose], l
     return poses, []
 
 
-def about(arm: SetupArm, poses: Sequence[MeasuredPose]) -> Floats:
+def about(arm: SetupSubject, poses: Sequence[MeasuredPose]) -> Floats:
     """About where the next pose should be, m and rad."""
     if len(poses) == len(WORDS) - 1:
         first, second = (pose.position for pose in poses)
@@ -138,15 +138,15 @@ def about(arm: SetupArm, poses: Sequence[MeasuredPose]) -> Floats:
     return np.array([row[len(poses)] for row in ends[:arm.joints]])
 
 
-def _request(arm: SetupArm, number: int, goal: Floats) -> str:
+def _request(arm: SetupSubject, number: int, goal: Floats) -> str:
     where = ", ".join(f"joint {joint + 1} {arm.shown(joint, value)}" for joint, value in enumerate(goal))
     what = ("This pose and the next one should have each joint as far apart as it can be measured.", "",
             "Come from the second pose; each joint must be at another share of its way.")[number]
-    return (f"Bring setup arm {arm.name} to the {WORDS[number]} pose, about {where}. {what} Release its clutch: it must "
-            "not move until its joints are typed.")
+    return (f"Bring setup arm {arm.name} to the {WORDS[number]} pose, about {where}. {what} Release its clutch: it "
+            "must not move until its joints are typed.")
 
 
-def _draw(bench: RunningBench, arm: SetupArm, goal: Floats) -> None:
+def _draw(bench: RunningBench, arm: SetupSubject, goal: Floats) -> None:
     if arm.row.chain is None or arm.row.world is None:
         return
     kinematics = Kinematics(arm.row.chain)
@@ -155,7 +155,7 @@ def _draw(bench: RunningBench, arm: SetupArm, goal: Floats) -> None:
     bench.person.report(picture(frames_at(kinematics, q) @ np.array(arm.row.world)[:3, :3].T, TOP))
 
 
-def _at_rest(bench: RunningBench, arm: SetupArm, skipped: int, rounds: int) -> _Rest:
+def _at_rest(bench: RunningBench, arm: SetupSubject, skipped: int, rounds: int) -> _Rest:
     """So many whole rounds of readings with its clutch released, after some; Problem if there are none."""
     rows: list[Floats] = []
     last = -1

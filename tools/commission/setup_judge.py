@@ -20,9 +20,9 @@ NOMINAL: Final = (0.2555, 1.056, 1.365, 1.365, 1.39, 1.37)
 """Sizes of the scales of four published arms, m or rad per V; they differ by 5 %."""
 BOUNDS: Final = ((-0.1, 1.2), *[(-np.radians(290.0), np.radians(290.0))] * 5)
 """Of joints, m and rad."""
-LEAST: Final = (0.12, *[np.radians(45.0)] * 5)
+MIN_WAY: Final = (0.12, *[np.radians(45.0)] * 5)
 """Way from the first to the second pose: half a volt at least, as a potentiometer's."""
-LEAST_V: Final = 0.5
+MIN_V: Final = 0.5
 RAILS_V: Final = (0.05, 4.45)
 RESIDUAL: Final = (0.002, *[np.radians(1.0)] * 5)
 """How far the third pose may be from the line of the others: with more, operation does not know the arm's pose."""
@@ -36,7 +36,7 @@ NOISE_V, MOVED_V = 0.01, 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class SetupArm:
+class SetupSubject:
     """One setup arm with potentiometers at its first `joints`."""
 
     cart: Cart
@@ -75,7 +75,7 @@ class MeasuredPose:
     volts: Floats
 
 
-def lines(poses: Sequence[MeasuredPose], arm: SetupArm) -> Floats:
+def lines(poses: Sequence[MeasuredPose], arm: SetupSubject) -> Floats:
     """Scale and offset (2, joints, 2) of both potentiometers of each joint, through the first two poses."""
     first, second = (pose.position for pose in poses[:2])
     volts = np.array([pose.volts[arm.place, :, :arm.joints] for pose in poses[:2]])
@@ -85,26 +85,28 @@ def lines(poses: Sequence[MeasuredPose], arm: SetupArm) -> Floats:
     return found
 
 
-def judge_rest(spread: Floats, arm: SetupArm, *, moved: bool = False) -> list[Finding]:
+def judge_rest(spread: Floats, arm: SetupSubject, *, moved: bool = False) -> list[Finding]:
     """Changes (setup arms, 2, 6) of its voltages at rest; `moved`: from before its joints were typed until after."""
     limit = MOVED_V if moved else NOISE_V
     own = np.abs(spread[arm.place, :, :arm.joints])
     if not (own > limit).any():
         return []
     pots, joint = np.unravel_index(int(own.argmax()), own.shape)
-    what, remedy = (("changed while its joints were measured", "the arm has moved: let its brakes hold, and measure again")
-                    if moved else ("changes at rest", "its contact is bad or its cable loose, or the arm was moved"))
-    return [Finding(arm.where(int(joint), int(pots)), f"its voltage {what} by {own.max():.3f} V", f"{limit:g} V", remedy)]
+    what, remedy = "changes at rest", "its contact is bad or its cable loose, or the arm was moved"
+    if moved:
+        what, remedy = "changed while its joints were measured", "the arm has moved: let its brakes hold, measure again"
+    return [Finding(arm.where(int(joint), int(pots)), f"its voltage {what} by {own.max():.3f} V", f"{limit:g} V",
+                    remedy)]
 
 
-def judge_poses(poses: Sequence[MeasuredPose], arm: SetupArm) -> list[Finding]:
+def judge_poses(poses: Sequence[MeasuredPose], arm: SetupSubject) -> list[Finding]:
     """Whether the typed joints can be used at all."""
     first, second, third = (pose.position for pose in poses)
     found = []
     for joint in range(arm.joints):
         where, (low, high) = arm.where(joint), BOUNDS[joint]
         wrong = next((value for value in (first[joint], second[joint], third[joint]) if not low <= value <= high), None)
-        way, least = abs(second[joint] - first[joint]), LEAST[joint]
+        way, least = abs(second[joint] - first[joint]), MIN_WAY[joint]
         if wrong is not None:
             found.append(Finding(where, f"{arm.shown(joint, wrong)} was typed",
                                  f"{arm.shown(joint, low)} to {arm.shown(joint, high)}", "is it in mm, or in degrees?"))
@@ -117,7 +119,7 @@ def judge_poses(poses: Sequence[MeasuredPose], arm: SetupArm) -> list[Finding]:
     return found or _alike(poses, arm)
 
 
-def _alike(poses: Sequence[MeasuredPose], arm: SetupArm) -> list[Finding]:
+def _alike(poses: Sequence[MeasuredPose], arm: SetupSubject) -> list[Finding]:
     """Joints whose plugs could be swapped, and nothing would show it."""
     first, second, third = (pose.position for pose in poses)
     shares, ways = (third - first) / (second - first), np.abs(second - first)
@@ -131,83 +133,86 @@ def _alike(poses: Sequence[MeasuredPose], arm: SetupArm) -> list[Finding]:
     return []
 
 
-def judge_pots(poses: Sequence[MeasuredPose], arm: SetupArm) -> list[Finding]:
+def judge_pots(poses: Sequence[MeasuredPose], arm: SetupSubject) -> list[Finding]:
     """Problems of its potentiometers: dead ones, wrong plugs, slack, senses, scales."""
     moved = np.abs(poses[1].volts - poses[0].volts)
-    alive = (moved[:, :, :FEWEST] >= LEAST_V).mean(axis=(1, 2))
+    alive = (moved[:, :, :FEWEST] >= MIN_V).mean(axis=(1, 2))
     if alive[arm.place] < 0.5 and alive.max() > 0.5:
         other = int(alive.argmax())
         return [Finding(arm.name, f"its potentiometers did not change, those of {arm.cart.arms[other].name} did",
-                        f"plug {arm.row.plug} changes", "are the plugs of these two arms swapped, or was another arm moved?")]
+                        f"plug {arm.row.plug} changes",
+                        "are the plugs of these two arms swapped, or was another arm moved?")]
     found = [each for pots in range(2) for joint in range(arm.joints) for each in _dead(poses, arm, pots, joint)]
     found = found or list(_off(poses, arm))
     return found or [each for joint in range(arm.joints) for each in _scales(poses, arm, joint)]
 
 
-def _dead(poses: Sequence[MeasuredPose], arm: SetupArm, pots: int, joint: int) -> Iterator[Finding]:
+def _dead(poses: Sequence[MeasuredPose], arm: SetupSubject, pots: int, joint: int) -> Iterator[Finding]:
     volts = np.array([pose.volts[arm.place, pots, joint] for pose in poses])
     where = arm.where(joint, pots)
     if not (volts.min() >= RAILS_V[0] and volts.max() <= RAILS_V[1]):
         yield Finding(where, f"{volts.min():.3f} to {volts.max():.3f} V", f"{RAILS_V[0]:g} to {RAILS_V[1]:g} V",
                       "its cable is loose or short-circuited, or its end is within the arm's range")
-    elif not abs(volts[1] - volts[0]) >= LEAST_V:
-        yield Finding(where, f"its voltage changed by {abs(volts[1] - volts[0]):.3f} V from the first to the second pose",
-                      f"{LEAST_V:g} V at least", "it is dead, its cable is loose, or this joint was not moved")
+    elif not abs(volts[1] - volts[0]) >= MIN_V:
+        yield Finding(where, f"its voltage changed by {abs(volts[1] - volts[0]):.3f} V from the first to the second "
+                      "pose", f"{MIN_V:g} V at least", "it is dead, its cable is loose, or this joint was not moved")
 
 
-def _off(poses: Sequence[MeasuredPose], arm: SetupArm) -> Iterator[Finding]:
+def _off(poses: Sequence[MeasuredPose], arm: SetupSubject) -> Iterator[Finding]:
     """Joints whose third pose is not on the line of the others."""
     off = _residuals(poses, arm)
     limits = np.array(RESIDUAL[:arm.joints])
     for joint in range(arm.joints):
         for pots in range(2):
-            limit, miss = limits[joint], off[pots, joint, pots, joint]
-            apart = off[0, joint, 0, joint] - off[1, joint, 1, joint]
+            limit, miss, other_miss = limits[joint], off[joint, pots, joint], off[joint, 1 - pots, joint]
+            apart = miss - other_miss
             if abs(miss) <= limit and abs(apart) <= APART * limit:
                 continue
-            others = np.abs(off[pots, joint])
+            others = np.abs(off[joint])
             others[:, joint] = np.inf
             if abs(miss) > limit and others.min() <= limit:
                 which, other = np.unravel_index(int(others.argmin()), others.shape)
-                yield Finding(arm.where(joint, pots), f"it does not follow its joint; the {POTS[which]} potentiometer of "
-                              f"joint {other + 1} does", "its own joint", "are their plugs swapped?")
+                yield Finding(arm.where(joint, pots), "it does not follow its joint; the "
+                              f"{POTS[which]} potentiometer of joint {other + 1} does", "its own joint",
+                              "are their plugs swapped?")
             elif abs(apart) <= APART * limit:
-                yield Finding(arm.where(joint), f"the third pose is {arm.shown(joint, miss)} off, by both potentiometers",
-                              arm.shown(joint, limit), "one of its three values is mistyped or not well measured, or the "
-                              "joint has slack: measure again")
+                yield Finding(arm.where(joint), f"the third pose is {arm.shown(joint, miss)} off, by both "
+                              "potentiometers", arm.shown(joint, limit), "one of its three values is mistyped or not "
+                              "well measured, or the joint has slack: measure again")
                 break
-            elif abs(miss) >= abs(off[1 - pots, joint, 1 - pots, joint]):
-                yield Finding(arm.where(joint, pots), f"it is {arm.shown(joint, miss)} off in the third pose, the other "
-                              f"one {arm.shown(joint, off[1 - pots, joint, 1 - pots, joint])}",
+            elif abs(miss) >= abs(other_miss):
+                yield Finding(arm.where(joint, pots), f"it is {arm.shown(joint, miss)} off in the third pose, the "
+                              f"other one {arm.shown(joint, other_miss)}",
                               f"{arm.shown(joint, limit)}, and half of that between them",
                               "it has slack, or is worn or loose")
 
 
-def _residuals(poses: Sequence[MeasuredPose], arm: SetupArm) -> Floats:
-    """(2, joints, 2, joints): the joint of [pots, joint] in the third pose by the line of each potentiometer [., .]
-    through the first two, less the measured one.
+def _residuals(poses: Sequence[MeasuredPose], arm: SetupSubject) -> Floats:
+    """(joints, 2, joints): each joint in the third pose by the line of each potentiometer through the first two, less
+    the measured one.
     """
     first, second, third = (pose.position for pose in poses)
     volts = np.array([pose.volts[arm.place, :, :arm.joints] for pose in poses])
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (volts[2] - volts[0]) / (volts[1] - volts[0])
-    miss = first[:, None, None] + (second - first)[:, None, None] * share[None] - third[:, None, None]
-    found: Floats = np.repeat(miss[None], 2, axis=0)
+    found: Floats = first[:, None, None] + (second - first)[:, None, None] * share - third[:, None, None]
     return found
 
 
-def _scales(poses: Sequence[MeasuredPose], arm: SetupArm, joint: int) -> Iterator[Finding]:
+def _scales(poses: Sequence[MeasuredPose], arm: SetupSubject, joint: int) -> Iterator[Finding]:
     scales, unit = lines(poses, arm)[:, joint, 0], "m/V" if joint == 0 else "rad/V"
     for pots, scale in enumerate(scales):
         was = arm.was(pots, joint)
         if was and was * scale < 0.0:
-            yield Finding(arm.where(joint, pots), f"it runs the other way: scale {scale:+.4g} {unit}, in the file {was:+.4g}",
-                          "the file's sign", "was the joint measured with the wrong sign, or is its plug reversed? If the "
-                          "file is wrong, change its sign first")
+            yield Finding(arm.where(joint, pots), f"it runs the other way: scale {scale:+.4g} {unit}, in the file "
+                          f"{was:+.4g}", "the file's sign", "was the joint measured with the wrong sign, or is its "
+                          "plug reversed? If the file is wrong, change its sign first")
         elif not abs(abs(scale) / abs(was or NOMINAL[joint]) - 1.0) <= SCALE_WITHIN:
             yield Finding(arm.where(joint, pots), f"scale {scale:+.4g} {unit}",
                           f"{was or NOMINAL[joint]:.4g} {unit} within {100 * SCALE_WITHIN:g} %, as "
-                          + ("in the file" if was else "of published arms"), "is a value mistyped, or is this another arm?")
+                          f"{'in the file' if was else 'of published arms'}",
+                          "is a value mistyped, or is this another arm?")
     if not abs(scales[0] / scales[1] - 1.0) <= ALIKE_WITHIN:
         yield Finding(arm.where(joint), f"scales {scales[0]:+.4g} and {scales[1]:+.4g} {unit}",
-                      f"alike within {100 * ALIKE_WITHIN:g} %", "one of its potentiometers is broken or not the right one")
+                      f"alike within {100 * ALIKE_WITHIN:g} %",
+                      "one of its potentiometers is broken or not the right one")

@@ -140,7 +140,7 @@ def _check(job: Job, yes: bool) -> None:
 def _files(file: Path, document: SystemConfig, report: Path) -> list[Path]:
     """The report, the files of the system, and those that stages have written beside the report."""
     sources = [Path(robot.source) for io in document.ios for robot in io.robots]
-    sources += [Path(each.source) for each in (*document.arms, *document.carts)]
+    sources += [Path(arm.source) for arm in document.arms] + [Path(cart.source) for cart in document.carts]
     made = [path for pattern in MADE for path in sorted(report.parent.glob(pattern))]
     each = {path.resolve(): path for path in (report, file, *sources, *made) if path.is_file()}
     return list({path.name: path for path in each.values()}.values())

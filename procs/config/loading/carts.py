@@ -222,8 +222,9 @@ class _CartLoader:
             return made
         if by_arm:
             if not emulated:
-                self.part.warning("type", "firmware Rev 10 reads these setup joints; where it shows them is not public, so "
-                                  "their poses stay unknown", "SUJ_Fixed, with measured poses, until then")
+                text = ("firmware Rev 10 reads these setup joints; where it shows them is not public, so their poses "
+                        "stay unknown")
+                self.part.warning("type", text, "SUJ_Fixed, with measured poses, until then")
             return dataclasses.replace(made, by_arm=True, emulated=emulated)
         if content.base_arduino_mac is None:
             text = "this key is required: the first joint of every arm hangs on the base's board"

@@ -19,8 +19,10 @@ OLD_SCALE_M: Final = 5e-5
 MAKES: Final = "stop to stop, with the dVRK's dvrk_calibrate_suj.py"
 
 
-def open_pots(system: SystemFiles, arm: ArmKeys, part: Opened[object], joints: int) -> list[tuple[Linear, ...]] | None:
-    """Conversions of the primary and secondary potentiometers under an arm; None, and errors, if they are incomplete."""
+def open_pots(
+    system: SystemFiles, arm: ArmKeys, part: Opened[object], joints: int
+) -> list[tuple[Linear, ...]] | None:
+    """Conversions of the primary and secondary potentiometers under an arm; None, and errors, if they lack any."""
     name = arm.name_on_IO or arm.name
     if not arm.serial:
         part.error("name", f"the file of its potentiometers is named by the serial number of {arm.name}",
@@ -33,7 +35,8 @@ def open_pots(system: SystemFiles, arm: ArmKeys, part: Opened[object], joints: i
     if content.arm_name != name:
         opened.error("arm_name", f"{content.arm_name}, in a file of {name}", name)
     if content.serial_number != arm.serial:
-        opened.error("serial_number", f"{content.serial_number or 'none'}, in a file of {name} {arm.serial}", arm.serial)
+        given = content.serial_number or "none"
+        opened.error("serial_number", f"{given}, in a file of {name} {arm.serial}", arm.serial)
     bus = system.buses.get(arm.IO)
     hardware = next((row.content.hardware for row in bus.robots() if row.content.name == name), "") if bus else ""
     if bus is not None and hardware != HARDWARE:

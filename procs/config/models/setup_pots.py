@@ -1,4 +1,4 @@
-"""Potentiometers of the setup arm under an Si arm, since 2026 in one file an arm (`saw-robot-io-suj-si.schema.json`)."""
+"""Potentiometers of the setup arm under an Si arm, since 2026 in one file an arm."""
 
 from __future__ import annotations
 

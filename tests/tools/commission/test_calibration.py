@@ -131,7 +131,8 @@ def test_a_rehearsal_leaves_calibrated_files_of_the_robot_alone(site_file: Path)
     assert real.read_bytes() == before and rehearsed.path != real and "rehearsed" in rehearsed.path.name
 
 
-def test_the_zero_position_is_shown_and_drawn_while_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_zero_position_is_shown_and_drawn_while_it_is_asked_for(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench, drawn = RigBench("demo.yaml"), list[str]()
     monkeypatch.setattr(bench.person, "report", drawn.append)
     assert calibrate.run(bench, tmp_path).problems == []
