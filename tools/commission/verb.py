@@ -202,15 +202,18 @@ def _due(job: Job, book: CommissionReport, files: str, wanted: str) -> list[Comm
         if left and STAGES.index(left[0]) < STAGES.index(due[0]):
             raise Problem(f"stage {wanted} comes after {left[0].name}, which has not passed with these files; without "
                           "--stage it continues there")
-    for what, stage in _lacks(job.document):
+    for what, stage in _lacks(job):
         if due and not (due := [row for row in due if row in STAGES[: NAMES.index(stage) + 1]]):
             raise Problem(f"{what}: use the file that stage {stage} has written (--stage {stage} repeats it)")
     return due
 
 
-def _lacks(document: SystemConfig) -> list[tuple[str, str]]:
-    """Values without which no motor may be driven, with the stage that measures them."""
-    found = []
+def _lacks(job: Job) -> list[tuple[str, str]]:
+    """Values without which no motor may be driven, with the stage that measures them; none for setup joints alone."""
+    found: list[tuple[str, str]] = []
+    document = job.document
+    if job.arms and not subjects_of(document, job.arms):
+        return []
     for robot in (subject.robot for subject in subjects_of(document) if subject.arm):
         if robot.hardware != "dRA1" and are_nominal([part.current_to_bits.offset for part in robot.actuators]):
             found.append((f"{robot.name}: its IO file still has nominal current offsets", "currents"))
@@ -249,7 +252,7 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                 _tell_stop(row, job, book, () if as_json else tried.problems)
                 return 1
             note(f"{row.name} passed")
-            goes_on = row is not due[-1] or _lacks(job.document)
+            goes_on = row is not due[-1] or _lacks(job)
             if row.writes and outcome.figures and goes_on and (after := _new_files(job)):
                 note(after)
                 return 0
