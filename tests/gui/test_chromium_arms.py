@@ -336,6 +336,7 @@ def showing(system: str, name: str) -> Iterator[subprocess.Popen[str]]:
             program.kill()
 
 
+FULL = KINEMATIC.with_name("kinematic-full.yaml")
 GHOST = "document.querySelector('.stage')?.stage?.asked"
 
 
@@ -365,3 +366,19 @@ def test_the_page_of_another_arm_shows_no_ghost(page: BrowserPage) -> None:
         page.until("document.querySelector('.stage')?.stage?.shown > 3")
         assert not page.js(f"return Boolean({GHOST})")
     assert page.wrongs() == []
+
+
+def test_a_setup_arm_has_a_ghost_in_its_cart(tmp_path_factory: pytest.TempPathFactory) -> None:
+    with systems(tmp_path_factory.mktemp("cart"), "paced") as make:
+        robot, port = make(), free()
+        robot.up(FULL, "--set", f"gui.listen=127.0.0.1:{port}")
+        with chromium(f"http://127.0.0.1:{port}") as page:
+            page.open("/3d")
+            page.until(f"document.querySelector('.stage')?.stage?.isPlaced && !{GHOST}")
+            with showing(robot.name, "SUJ/PSM1"):
+                page.until(f"{GHOST}?.at.length > 4 && {GHOST}.label.textContent === 'bring SUJ/PSM1 here'")
+                assert page.js(f"const own = document.querySelector('.stage').stage.setups.SUJ.PSM1, ghost = {GHOST};"
+                               "return [ghost.body.opacity, ghost.at.length === own.at.length, own.body.opacity,"
+                               "ghost.at.at(-1).distanceTo(own.at.at(-1)) > 0.1]") == [0.35, True, 1, True]
+            page.until(f"!{GHOST}")
+            assert page.wrongs() == []
