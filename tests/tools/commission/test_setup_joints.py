@@ -18,7 +18,7 @@ from trocar.procs.host.objects import RememberedObjects
 from trocar.tools.commission import setup_joints
 from trocar.tools.commission.bench import SetupReadings
 from trocar.tools.commission.finding import Outcome
-from trocar.tools.commission.person import Settle
+from trocar.tools.commission.person import Declined, Settle
 from trocar.tools.commission.person_sim import PersonSim
 from trocar.tools.commission.setup_judge import MeasuredPose, SetupSubject, judge_poses, judge_rest, lines
 
@@ -270,6 +270,17 @@ def test_an_arm_that_passed_before_another_one_failed_is_written_and_clutches_ar
     old = Path(rig.cart.cart.source)
     assert _written(path, "ECM") != _written(old, "ECM") and _written(path, "PSM1") == _written(old, "PSM1")
     assert json.loads(path.read_text())["arms"]
+
+
+def test_nothing_has_power_before_the_name_is_typed(
+        rig: SetupRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def declines(danger: str, word: str) -> None:
+        raise Declined(danger)
+
+    monkeypatch.setattr(rig.person, "confirm", declines)
+    with pytest.raises(Declined, match="a setup arm has no brakes"):
+        rig.run("ECM", np.random.default_rng(0), tmp_path)
+    assert not rig.cart.harness.record.power_requested.any()
 
 
 def test_typed_values_that_cannot_be_and_voltages_that_change_at_rest_are_refused(rig: SetupRig) -> None:
