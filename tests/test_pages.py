@@ -24,7 +24,9 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")], key=str)
 PAGES.remove(ROOT / "CHANGELOG.md")  # says what was
 FOLDERS = ("shm", "procs", "tools", "tests", "configs", "docs", ".ci")
-NOT_OURS = {"dvrk_calibrate_potentiometers.py", "wall.py", "box.py", "scanner.py", "procs/KIND/loop.py"}  # of others
+NOT_OURS = {"dvrk_calibrate_potentiometers.py", "dvrk_calibrate_suj.py", "wall.py", "box.py", "scanner.py",
+            "procs/KIND/loop.py"}
+"""Of others."""
 CODE = re.compile(r"`([^`\n]+)`")
 FORMS = [form for form in sorted((ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml")) if form.stem != "config"]
 each_page = cases("page", PAGES)

@@ -37,7 +37,7 @@ class CartArm:
     release_current: float = 0.0  # A; releases Classic brakes
     engaged_current: float = 0.0  # A
     lifts: bool = False  # Classic: a motor moves the first joint
-    board: str = ""  # Si: Bluetooth address of its potentiometer board
+    board: str = ""  # Si: Bluetooth address of its potentiometer board; its own name where there is none
     base_pot: int = 0  # Si: number of its first joint's potentiometer on the base's board
 
 
@@ -55,6 +55,7 @@ class Cart:
     robot: str = ""  # its robot in that io: an analog input and a current for every plug
     base_board: str = ""  # Si: Bluetooth address of the base's potentiometer board
     emulated: bool = False  # Si: its potentiometer boards are emulated
+    by_arm: bool = False  # Si of 2026: the controller of each carried arm reads all joints of its setup arm
     source: str = ""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -196,6 +196,40 @@ def joint_velocity(kinematics: Kinematics, q: Array, twist: Array, base: Array |
     return found
 
 
+class ShownPose:
+    """The pose of an arm, or setup arm, that a program shows: `trocar commission` while it asks for it."""
+
+    def __init__(self, document: SystemConfig) -> None:
+        """Attach; SegmentError when the system's record cannot be read."""
+        self._reader = directory.reader(document.name, "system", "state", "system", often=False)
+        self._arm, self._position = (self._reader.field(name) for name in ("shown_arm", "shown_position"))
+        self._setups = {f"{cart.name}/{arm.name}": (arm, Kinematics(arm.chain)) for cart in document.carts
+                        for arm in cart.arms if arm.chain is not None and arm.world is not None}
+        self._sequence, self._seen_ns = 0, 0
+
+    def read(self, now_ns: int, arms: Mapping[str, SceneArm]) -> dict[str, Any] | None:
+        """`name` and `frames`; None: none is shown."""
+        if not self._reader.newest():
+            return None
+        if self._reader.sequence != self._sequence:
+            self._sequence, self._seen_ns = self._reader.sequence, now_ns
+        name = self._arm.item().decode(errors="replace")
+        if not name or now_ns - self._seen_ns > LATE_NS:
+            return None
+        position = np.nan_to_num(self._position)
+        if name in self._setups:
+            arm, kinematics = self._setups[name]
+            return {"name": name, "frames": setup_frames(arm, kinematics, position[:arm.joints])}
+        scene = arms.get(name)
+        if scene is None:
+            return None
+        return {"name": name, "frames": scene.at(position[:scene.kinematics.n])["frames"]}
+
+    def close(self) -> None:
+        """Unmap."""
+        self._reader.close()
+
+
 class SceneSource:
     """All arms and carts, in one message."""
 
@@ -208,11 +242,15 @@ class SceneSource:
         for cart in document.carts:
             with contextlib.suppress(SegmentError):
                 self._carts[cart.name] = SceneCart(document.name, cart)
+        self._shown: ShownPose | None = None
+        with contextlib.suppress(SegmentError):
+            self._shown = ShownPose(document)
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """`arms`, and `carts` with their setup arms, by name."""
+        """`arms`, and `carts` with their setup arms, by name; `shown`: the pose that a program shows."""
         return {"age": 0.0, "arms": {name: arm.read(now_ns) for name, arm in self._arms.items()},
-                "carts": {name: cart.read(now_ns) for name, cart in self._carts.items()}}
+                "carts": {name: cart.read(now_ns) for name, cart in self._carts.items()},
+                "shown": self._shown.read(now_ns, self._arms) if self._shown is not None else None}
 
     def close(self) -> None:
         """Unmap."""
@@ -220,6 +258,8 @@ class SceneSource:
             arm.close()
         for cart in self._carts.values():
             cart.close()
+        if self._shown is not None:
+            self._shown.close()
 
 
 class ArmModels:

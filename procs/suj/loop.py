@@ -21,7 +21,7 @@ from trocar.procs.suj.frames import CarriedTip
 from trocar.procs.suj.interface_board import InterfaceBoard, IoMailbox
 from trocar.procs.suj.joints import SetupContext, SetupJoints
 from trocar.procs.suj.setups import Setups
-from trocar.procs.suj.si import EmulatedBoards, PotLink, Si
+from trocar.procs.suj.si import EmulatedBoards, PotLink, Si, UnreadPots
 from trocar.shm.mailbox.origins import Origin
 from trocar.shm.system.subscriptions import EVERY
 
@@ -147,6 +147,8 @@ class SetupLoop(runtime.Loop):
 
 def link_of(cart: Cart) -> PotLink:
     """The potentiometer boards of an Si cart, real or emulated."""
+    if cart.by_arm and not cart.emulated:
+        return UnreadPots()
     return EmulatedBoards(cart) if cart.emulated else BluetoothBoards(
         [board for board in (cart.base_board, *(arm.board for arm in cart.arms)) if board])
 

@@ -1,8 +1,9 @@
 """Si setup joints: small boards read the potentiometers and send them over Bluetooth; the carried arms' io drives the
 brakes.
 
-Each setup arm has a board for all its joints but the first; the first joints of all arms share the board of the base. A
-reading is JSON: `{"timestamp": ms of the board, "pots": [[first potentiometers], [second ones]]}`, in counts.
+Each setup arm has a board for all its joints but the first; the first joints of all arms share the board of the base.
+In carts of 2026 the controllers of the carried arms read all joints, with 12 bits. A reading is JSON:
+`{"timestamp": ms of the board, "pots": [[first potentiometers], [second ones]]}`, in counts.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from trocar.procs.tables import codes
 from trocar.shm.system.events import Events
 
 STALE_NS: Final = 5_000_000_000  # boards are read several times a second, and a connection takes seconds
+MISSING: Final = -1.0  # count of a potentiometer that the controller of an arm cannot read
+MAX_COUNT: Final = 4095.0
 SETTLED: Final = 2  # readings after a release: the first may be from before
 BRAKE_REPEAT_NS: Final = 10_000_000  # io engages the brakes 30 ms after the last command
 MAX_POTS: Final = 8
@@ -69,6 +72,7 @@ class Si:
         n = len(cart.arms)
         self._name, self._arms, self._base, self._setups, self._link = (
             cart.name, cart.arms, cart.base_board.upper(), setups, link)
+        self._is_by_arm = cart.by_arm
         self._reports, self._hands, self.buttons = reports, hands, SetupButtons(cart.arms, reports)
         self._let_go, self._asked_ns = let_go, [0] * n
         self._readings = PotReadings(setups, SI_LIMITS, reports)
@@ -101,6 +105,7 @@ class Si:
                 self._of_base, self._base_ns = values, now_ns
             elif address.upper() in self._place:
                 self._read(self._place[address.upper()], values, now_ns)
+        self._base_ns = now_ns if self._is_by_arm else self._base_ns
         for place in range(len(self._arms)):
             if now_ns - max(self._begun_ns, min(self._stamps_ns[place], self._base_ns)) > STALE_NS:
                 self._miss(place)
@@ -117,19 +122,25 @@ class Si:
                 self._let_go(place, True)
 
     def _read(self, place: int, values: Array, now_ns: int) -> None:
-        arm = self._arms[place]
-        base = self._of_base
-        if base is None or base.shape[1] <= arm.base_pot or now_ns - self._base_ns > STALE_NS:
-            return  # its first joint is not known
-        if values.shape[1] < arm.joints - 1:
-            text = f"{arm.name}: its board has {values.shape[1]} potentiometers, {arm.joints - 1} are expected"
+        arm, base, others = self._arms[place], self._of_base, int(not self._is_by_arm)
+        if not self._is_by_arm:
+            if base is None or base.shape[1] <= arm.base_pot or now_ns - self._base_ns > STALE_NS:
+                return  # its first joint is not known
+            values = np.column_stack((base[:, arm.base_pot], values))
+        if values.shape[1] < arm.joints:
+            text = (f"{arm.name}: its board has {values.shape[1] - others} potentiometers, {arm.joints - others} are "
+                    "expected")
             self._report(place, text)
             return
-        readings = np.column_stack((base[:, arm.base_pot], values[:, : arm.joints - 1]))
+        readings = values[:, : arm.joints]
         self._stamps_ns[place] = now_ns
         self._rounds += np.uint64(1)
         self._primary[place, : arm.joints], self._secondary[place, : arm.joints] = readings
-        self._report(place, "")
+        missing = np.flatnonzero((readings == MISSING).any(axis=0) & self._is_by_arm) + 1
+        self._report(place, f"{arm.name}: no reading of joint {', '.join(map(str, missing))}" if missing.size else "")
+        if missing.size:
+            self._setups.lose(place, moved=False)
+            return
         self._settled[place] += not self.buttons.held[place]
         if self._settled[place] < SETTLED:
             return
@@ -179,6 +190,9 @@ class EmulatedBoards:
             return []
         self._next_ns = now_ns + self.PERIOD_NS
         read = [np.stack(pots.volts(joints)) for pots, joints in zip(self._pots, self._joints, strict=True)]
+        if self._cart.by_arm:
+            return [(arm.board, _reading(now_ns, np.clip(np.round(values), 0.0, MAX_COUNT)))
+                    for arm, values in zip(self._cart.arms, read, strict=True)]
         base = np.zeros((2, 4))
         for arm, values in zip(self._cart.arms, read, strict=True):
             base[:, arm.base_pot] = values[:, 0]
@@ -189,6 +203,21 @@ class EmulatedBoards:
     def problem(self, address: str) -> str:
         """Never a problem."""
         return ""
+
+    def close(self) -> None:
+        """No connection to close."""
+
+
+class UnreadPots:
+    """Potentiometers that firmware Rev 10 reads: where it shows them is not public, so they are not read here."""
+
+    def poll(self, now_ns: int) -> list[tuple[str, bytes]]:
+        """Nothing."""
+        return []
+
+    def problem(self, address: str) -> str:
+        """The same for each arm."""
+        return "firmware Rev 10 reads its potentiometers, and where it shows them is not known"
 
     def close(self) -> None:
         """No connection to close."""

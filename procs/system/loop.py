@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from trocar.procs.document.system import SystemConfig
 from trocar.procs.node import runtime
 from trocar.procs.node.node import Node
 from trocar.procs.system.bring_up import arms_of
@@ -25,6 +26,12 @@ def sources(node: Node) -> list[MessageSource]:
     return found
 
 
+def drawn(document: SystemConfig) -> list[str]:
+    """Arms, and setup arms as SUJ/PSM1, of which pages draw poses."""
+    setups = [f"{cart.name}/{arm.name}" for cart in document.carts for arm in cart.arms if arm.chain is not None]
+    return [arm.name for arm in document.arms] + setups
+
+
 class SystemLoop(runtime.Loop):
     """The loop of the process `system`."""
 
@@ -32,7 +39,8 @@ class SystemLoop(runtime.Loop):
         node = self.node
         self._state, self._arms, self._sound = node.writes("state"), arms_of(node), node.hold(self._take_sound())
         consoles = [node.commands(row.name) for row in node.document.consoles]
-        self._commands = SystemCommands(self._arms, consoles, node.events, self._sound, node.document.audio_volume)
+        self._commands = SystemCommands(self._arms, consoles, node.events, self._sound, node.document.audio_volume,
+                                        drawn(node.document))
         self._centre = MessageHub(sources(node), node.events, self._commands.beep)
         self._record = SystemRecord(self._state.field, self._arms, node.events, self._sound,
                                     calibration_mode=any(io.calibration_mode for io in node.document.ios))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from trocar.procs.system.bring_up import ENABLED, FAULT, ArmOnRing
 from trocar.procs.system.message_hub import MessageHub
 from trocar.procs.system.sound import Sound
@@ -21,7 +23,7 @@ class SystemRecord:
         """Fill in the fields that never change."""
         self._arms, self._events = arms, events
         changing = ("arm_fresh", "arm_state", "arm_homed", "arm_busy", "task", "waiting", "volume", "beeps", "errors",
-                    "warnings")
+                    "warnings", "shown_arm", "shown_position")
         self._fields = {name: field(name) for name in changing}
         self._reported = [""] * len(arms)
         field("calibration_mode")[...] = calibration_mode
@@ -41,6 +43,10 @@ class SystemRecord:
         fields["task"][...] = bring_up.goal.encode() if bring_up is not None else b""
         waiting = bring_up.waiting if bring_up is not None else ""
         fields["waiting"][...] = shorten(waiting, fields["waiting"].dtype.itemsize)
+        shown, position = commands.shown
+        fields["shown_arm"][...] = shown.encode()
+        fields["shown_position"][...] = np.nan
+        fields["shown_position"][: len(position)] = position
 
     def _report(self, place: int, arm: ArmOnRing) -> None:
         """Emit arm_current_state after a change: ENABLED if enabled and homed, FAULT, or empty."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
-from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, carry_out
+from trocar.procs.crtk.names import none_such
+from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, carry_out, has_left
 from trocar.procs.system.bring_up import POWER_OFF, POWER_ON, ArmOnRing, BringUp
 from trocar.procs.system.sound import BEEPS, SPEECH, Sound
 from trocar.procs.tables import codes
@@ -15,6 +16,7 @@ from trocar.shm.system.events import Events
 
 BEEP_S, BEEP_HZ = 0.3, 3000.0
 MIN_S, MAX_S = 0.05, 60.0
+SHOWN = 8  # joint positions in a pose
 LOWEST_HZ, HIGHEST_HZ = 20.0, 10_000.0
 
 
@@ -22,17 +24,21 @@ class SystemCommands:
     """One method per row of the `system` command table."""
 
     def __init__(self, arms: Sequence[ArmOnRing], consoles: Sequence[LoopClient], events: Events, sound: Sound,
-                 volume: float) -> None:
-        """`consoles` are the mailboxes of all consoles."""
+                 volume: float, drawn: Collection[str]) -> None:
+        """`consoles` are the mailboxes of all consoles, `drawn` the arms of which a pose can be shown."""
         self._arms, self._consoles, self._events, self._sound = arms, consoles, events, sound
         self.volume, self.beeps = volume, 0
         self.bring_up: BringUp | None = None
         self._asked: list[Request] = []
         """Requests that wait for the end of `bring_up`."""
+        self._drawn = drawn
+        self._shows: tuple[Request, int] | None = None
+        """The request that shows a pose, with its program, while that runs."""
         self._now_ns = 0
         self._table: dict[str, Handler] = {
             **dict.fromkeys((POWER_ON, HOME, POWER_OFF), self._begin), "set_volume": self._set_volume,
             "beep": self._beep, "string_to_speech": self._say,
+            "show_pose": self._show,
         }
 
     def execute(self, requests: Iterable[Request], now_ns: int) -> None:
@@ -40,10 +46,17 @@ class SystemCommands:
         self._now_ns = now_ns
         for request in requests:
             carry_out(request, self._table[request.name])
+        if self._shows is not None and has_left(*self._shows):
+            self._shows = None
         if self.bring_up is not None:
             self.bring_up.step(now_ns)
             if self.bring_up.is_over:
                 self._end(self.bring_up)
+
+    @property
+    def shown(self) -> tuple[str, Sequence[float]]:
+        """The arm of which a pose is shown, and its joint positions; "": none."""
+        return (self._shows[0].text.strip(), self._shows[0].values.tolist()) if self._shows is not None else ("", ())
 
     def beep(self, duration_s: float = BEEP_S, frequency_hz: float = BEEP_HZ, volume: float | None = None) -> None:
         """Emit the event and sound a beep, by default at the system's volume."""
@@ -109,3 +122,11 @@ class SystemCommands:
         self._events.emit("string_to_speech", text)
         self._sound.say(text, self.volume)
         return self._sound.lacks_of(SPEECH)
+
+    def _show(self, request: Request) -> None:
+        name = request.text.strip()
+        if name and name not in self._drawn:
+            raise CommandRefused(none_such("arm", name, self._drawn))
+        if name and not 0 < len(request.values) <= SHOWN:
+            raise CommandRefused(f"takes 1 to {SHOWN} joint positions, not {len(request.values)}")
+        self._shows = (request, request.pid) if name else None

@@ -137,3 +137,87 @@ def test_the_base_s_board_and_the_reference_must_be_there(tmp_path: Path) -> Non
 def test_their_files_are_checked_by_themselves(kind: str) -> None:
     checked = check_file(stock.find(FOLDERS[kind]))
     assert (checked.kind, checked.problems) == (f"setup joints, {kind if kind != 'Fixed' else 'fixed'}", ())
+
+
+# -- Si carts of 2026: potentiometers in one file an arm ---------------------------------------------------------------
+
+JOINTS = {"PSM1": 4, "ECM": 4, "PSM3": 5}
+SI_ARMS = {"PSM1": "PSM1-292409.json", "ECM": "ECM-438610.json"}
+
+
+def pots(name: str, serial: str, joints: int = 4, **keys) -> dict:
+    lines = [{"scale": -2.68e-4, "offset": 0.51}, *({"scale": 1.13e-3, "offset": -2.3},) * (joints - 1)]
+    return {"$id": "saw-robot-io-suj-si.schema.json", "$version": "1", "arm_name": name, "serial_number": serial,
+            "primary_measured_js": lines, "secondary_measured_js": lines} | keys
+
+
+def by_arm(tmp_path: Path, *files: dict, boards: str = "emulated", arms: tuple[str, ...] = ("PSM1", "ECM")) -> Loaded:
+    """A cart with geometry only, under real Si arms of a site."""
+    geometry = content("Si")
+    geometry["arms"] = [{key: arm[key] for key in ("name", "DH", "world_origin_to_SUJ", "SUJ_tip_to_tool_origin")}
+                        for arm in geometry["arms"] if arm["name"] in arms]
+    del geometry["base_arduino_mac"]
+    (tmp_path / "kinematic").mkdir(exist_ok=True)
+    (tmp_path / "kinematic" / "suj-si.json").write_text(json.dumps(geometry))
+    for file in files:
+        name = f"sawRobotIO1394-SUJ-Si-{file['arm_name']}-{file['serial_number']}.json"
+        (tmp_path / file.pop("file", name)).write_text(json.dumps(file))
+    rows = [{"name": name, "type": name[:3], "IO": "IO1", "serial": SI_ARMS[name][-11:-5], "arm_file": SI_ARMS[name],
+             "base_frame": {"component": "SUJ", "interface": name}} for name in SI_ARMS]
+    system = {"$id": "dvrk-system.schema.json", "$version": "1", "IOs": [{"name": "IO1", "port": "fw"}], "arms": [
+        {"name": "SUJ", "type": "SUJ_Si", "arm_file": "kinematic/suj-si.json"}, *rows]}
+    (tmp_path / "system.json").write_text(json.dumps(system))
+    return load_system(tmp_path / "system.json", boards=boards,
+                       search=[stock.find("dvrk-share"), stock.find("dvrk-site/jhu-daVinci-Si")])
+
+
+GOOD = ("PSM1", "292409"), ("ECM", "438610")
+
+
+def test_a_cart_of_2026_takes_the_file_of_each_carried_arm(tmp_path: Path) -> None:
+    other = pots(*GOOD[1]) | {"$id": "saw-robot-io-SUJ-Si.schema.json"}
+    loaded = by_arm(tmp_path, pots(*GOOD[0]), other)
+    assert loaded.system is not None, loaded.errors
+    cart = loaded.system.cart("SUJ")
+    assert cart.by_arm and cart.emulated and cart.base_board == ""
+    assert [(arm.name, arm.carries, arm.board, arm.joints) for arm in cart.arms] == [
+        ("ECM", "ECM", "ECM", 4), ("PSM1", "PSM1", "PSM1", 4)]
+    assert cart.arms[1].primary == ((-2.68e-4, 0.51), *((1.13e-3, -2.3),) * 3) == cart.arms[1].secondary
+    assert cart.arms[1].weight == (0.5,) * 4
+    real = by_arm(tmp_path, boards="real")
+    assert real.system is not None and not real.system.cart("SUJ").emulated
+    assert any("firmware Rev 10 reads these setup joints" in problem.text for problem in real.warnings)
+
+
+@pytest.mark.parametrize(("changes", "key", "says"), [
+    ({"serial_number": "1", "file": "sawRobotIO1394-SUJ-Si-PSM1-292409.json"}, "serial_number", "1, in a file of PSM1"),
+    ({"arm_name": "PSM2", "file": "sawRobotIO1394-SUJ-Si-PSM1-292409.json"}, "arm_name", "PSM2, in a file of PSM1"),
+    ({"primary_measured_js": [{"scale": -2.7e-4, "offset": 0.5}, {}, {"scale": 1.0, "offset": 0.0},
+                              {"scale": 0.001, "offset": 1.0}]}, "primary_measured_js",
+     "PSM1: joint 2, 3 not calibrated"),
+    ({"secondary_measured_js": [{"scale": -1.69e-5, "offset": 0.5}, *[{"scale": 7.1e-5, "offset": -2.3}] * 3]},
+     "secondary_measured_js", "is that of a Bluetooth board"),
+    ({"secondary_measured_js": [{"scale": -2.7e-4, "offset": 0.5}]}, "secondary_measured_js", "1 potentiometers for 4"),
+    ({"further": 1}, "further", ""),
+])
+def test_what_the_file_of_an_arm_lacks_is_named(tmp_path: Path, changes: dict, key: str, says: str) -> None:
+    loaded = by_arm(tmp_path, pots(*GOOD[0], **changes), pots(*GOOD[1]))
+    assert loaded.system is None
+    assert [(error.key, says in error.text) for error in loaded.errors if error.key == key] == [(key, True)]
+
+
+def test_a_missing_file_and_a_setup_arm_without_an_arm_are_errors(tmp_path: Path) -> None:
+    loaded = by_arm(tmp_path, pots(*GOOD[0]))
+    assert "no file sawRobotIO1394-SUJ-Si-ECM-438610.json" in str(loaded.errors[0])
+    loaded = by_arm(tmp_path, pots(*GOOD[0]), pots(*GOOD[1]), arms=("PSM1", "ECM", "PSM3"))
+    assert "it carries none" in str(loaded.errors[0])
+
+
+def test_the_file_of_an_arm_is_checked_by_itself(tmp_path: Path) -> None:
+    file = tmp_path / "sawRobotIO1394-SUJ-Si-PSM1-292409.json"
+    file.write_text(json.dumps(pots(*GOOD[0])))
+    found = check_file(file)
+    assert found.kind == "setup joints, Si arm" and found.problems == ()
+    file.write_text(json.dumps(pots(*GOOD[0], primary_measured_js=[], secondary_measured_js=[{}] * 6)))
+    assert [problem.key for problem in check_file(file).problems] == [
+        "primary_measured_js", "secondary_measured_js", "secondary_measured_js", "secondary_measured_js"]

@@ -29,7 +29,7 @@ class BrowserPage:
     """A browser with the console open."""
 
     def __init__(self, driver: webdriver.Chrome, address: str) -> None:
-        self.driver, self.address = driver, address
+        self.driver, self.address, self.system = driver, address, ""
 
     def open(self, path: str = "/") -> None:
         """Load a page, and wait for its first data."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -25,6 +28,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserPage]:
         robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}")
         with chromium(f"http://127.0.0.1:{port}") as page:
             page.open()
+            page.system = robot.name
             robot.pids.add(robot.pid("gui"))
             page.take_control()
             homed(page)
@@ -309,3 +313,72 @@ def test_a_jog_that_the_arm_refuses_ends_and_says_why_while_it_is_held(page: Bro
     finally:
         ActionChains(page.driver).release().perform()
     assert page.wrongs() == []
+
+
+SHOWS = """
+import sys, time
+from trocar.tools.client.remote import Remote
+with Remote(sys.argv[1], "system") as system:
+    system.ask("show_pose", [0.5, -0.3, 0.1, 0.0, 0.0, 0.0], sys.argv[2])
+    print("shown", flush=True)
+    time.sleep(600)
+"""
+
+
+@contextlib.contextmanager
+def showing(system: str, name: str) -> Iterator[subprocess.Popen[str]]:
+    """A program that shows a pose of an arm."""
+    with subprocess.Popen([sys.executable, "-c", SHOWS, system, name], stdout=subprocess.PIPE, text=True) as program:
+        try:
+            assert program.stdout is not None and program.stdout.readline() == "shown\n"
+            yield program
+        finally:
+            program.kill()
+
+
+FULL = KINEMATIC.with_name("kinematic-full.yaml")
+GHOST = "document.querySelector('.stage')?.stage?.asked"
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_a_pose_that_is_asked_for_is_a_ghost_until_the_asking_program_is_killed(
+        page: BrowserPage, width: int, height: int) -> None:
+    with chromium(page.address, width, height) as other:
+        for path in ("/3d", "/arm/PSM1"):
+            other.open(path)
+            other.until(f"document.querySelector('.stage')?.stage?.isPlaced && !{GHOST}")
+            with showing(page.system, "PSM1") as program:
+                other.until(f"{GHOST}?.group.visible && {GHOST}.at.length === 8 && !{GHOST}.label.hidden")
+                moved = other.js(f"const ghost = {GHOST}, own = document.querySelector('.stage').stage.models.PSM1;"
+                                 "return ghost.at[3].distanceTo(own.at[3])")
+                assert moved > 0.02, "the arm itself is elsewhere"
+                assert other.find(".names .asked").text == "bring PSM1 here"
+                assert other.js(f"return {GHOST}.body.transparent && {GHOST}.body.opacity") == pytest.approx(0.35)
+                program.kill()
+                other.until(f"!{GHOST} && !document.querySelector('.names .asked')")
+        assert other.wrongs() == []
+
+
+def test_the_page_of_another_arm_shows_no_ghost(page: BrowserPage) -> None:
+    page.open("/arm/MTMR")
+    with showing(page.system, "PSM1"):
+        page.until("trocar.data('scene')?.shown?.name === 'PSM1'")
+        page.until("document.querySelector('.stage')?.stage?.shown > 3")
+        assert not page.js(f"return Boolean({GHOST})")
+    assert page.wrongs() == []
+
+
+def test_a_setup_arm_has_a_ghost_in_its_cart(tmp_path_factory: pytest.TempPathFactory) -> None:
+    with systems(tmp_path_factory.mktemp("cart"), "paced") as make:
+        robot, port = make(), free()
+        robot.up(FULL, "--set", f"gui.listen=127.0.0.1:{port}")
+        with chromium(f"http://127.0.0.1:{port}") as page:
+            page.open("/3d")
+            page.until(f"document.querySelector('.stage')?.stage?.isPlaced && !{GHOST}")
+            with showing(robot.name, "SUJ/PSM1"):
+                page.until(f"{GHOST}?.at.length > 4 && {GHOST}.label.textContent === 'bring SUJ/PSM1 here'")
+                assert page.js(f"const own = document.querySelector('.stage').stage.setups.SUJ.PSM1, ghost = {GHOST};"
+                               "return [ghost.body.opacity, ghost.at.length === own.at.length, own.body.opacity,"
+                               "ghost.at.at(-1).distanceTo(own.at.at(-1)) > 0.1]") == [0.35, True, 1, True]
+            page.until(f"!{GHOST}")
+            assert page.wrongs() == []

@@ -13,7 +13,7 @@ from tests.conftest import World
 from tests.gui.test_browsers import Console, play
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.gui.scene_source import SceneCart, frames_of, joint_velocity, setup_frames, slowed
+from trocar.procs.gui.scene_source import SceneCart, SceneSource, frames_of, joint_velocity, setup_frames, slowed
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import carrying, inverse_carrying
 from trocar.procs.kinematics.poses import matrix_from_pose
@@ -140,6 +140,38 @@ def test_setup_arms_end_where_the_arms_that_they_carry_begin(full: SystemConfig,
                 assert shown[arm.name]["valid"] is (place != 1) and not shown[arm.name]["late"]
             assert all(row["late"] for row in scene.read(monotonic_ns() + 10**9).values())
         record.close()
+    finally:
+        remove_all(world.name)
+
+
+def test_a_pose_that_a_program_shows_is_drawn_while_the_system_says_so(full: SystemConfig, world: World) -> None:
+    document = dataclasses.replace(full, name=world.name)
+    memory.create_all(document)
+    try:
+        with (closing(directory.writer(world.name, "system", "state", "system")) as record,
+              closing(SceneSource(document)) as scene):
+            assert scene.read(monotonic_ns())["shown"] is None, "nothing was published yet"
+
+            def shown(name: str, *position: float, after_ns: int = 0) -> object:
+                record.field("shown_arm")[...] = name.encode()
+                record.field("shown_position")[...] = np.nan
+                record.field("shown_position")[: len(position)] = position
+                record.publish(monotonic_ns())
+                scene.read(monotonic_ns())
+                return scene.read(monotonic_ns() + after_ns)["shown"]
+
+            arm = full.arm("PSM1")
+            kinematics = carrying(arm, "")
+            q = np.zeros(kinematics.n)
+            q[:3] = 0.2, -0.1, 0.05
+            assert shown("PSM1", *q[:3]) == {"name": "PSM1", "frames": frames_of(kinematics, q, np.eye(4))}
+            assert shown("PSM1", *q[:3], after_ns=10**9) is None, "the record is old: the system has crashed"
+            cart, setup = full.carts[0], full.carts[0].arms[1]
+            assert setup.chain is not None
+            place = np.full(setup.joints, 0.3)
+            assert shown(f"{cart.name}/{setup.name}", *place) == {
+                "name": f"{cart.name}/{setup.name}", "frames": setup_frames(setup, Kinematics(setup.chain), place)}
+            assert shown("") is None and shown("nothing like that", 0.1) is None
     finally:
         remove_all(world.name)
 

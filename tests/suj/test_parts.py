@@ -7,6 +7,7 @@ import math
 import subprocess
 import sys
 import types
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.suj import bluetooth
 from trocar.procs.suj.buttons import CLUTCH_COMMAND_NS
 from trocar.procs.suj.classic import Classic, SetupArmBrakes
+from trocar.procs.suj.loop import link_of
 from trocar.procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
 from trocar.procs.suj.pots import CLASSIC_LIMITS, Potentiometers
 from trocar.procs.suj.si import EmulatedBoards, Si, counts
@@ -166,6 +168,64 @@ def test_readings_of_base_and_arm_make_an_si_arm_known(si: SetupHarness) -> None
     for place, goal in enumerate(goals.values()):
         assert np.allclose(si.field("position")[place, : len(goal)], goal, atol=1e-9)
     assert si.field("sub_state").item() == b"DISABLED" and si.ask("state_command", "home").outcome == "done"
+
+
+@pytest.fixture
+def by_arm(tmp_path) -> SetupHarness:
+    """The same cart of 2026: the controllers of the carried arms read all joints, with 12 bits."""
+    cart = system_of(tmp_path, SI, boards="emulated", folder="dvrk-site/jhu-daVinci-Si").cart("SUJ")
+    arms = tuple(replace(arm, board=arm.name, primary=tuple((16.0 * scale, offset) for scale, offset in arm.primary),
+                         secondary=tuple((16.0 * scale, offset) for scale, offset in arm.secondary))
+                 for arm in cart.arms)
+    cart = replace(cart, by_arm=True, base_board="", arms=arms)
+    link = PotBoards(cart)
+    harness = SetupHarness(cart, lambda cart, setups, reports, field, _: Si(
+        cart, setups, link, reports, field, lambda now: (np.zeros(4, dtype=bool), np.ones(4, dtype=bool)),
+        lambda place, on: None))
+    harness.link = link
+    return harness
+
+
+def test_counts_of_the_carried_arms_controllers_make_all_joints_known(by_arm: SetupHarness) -> None:
+    goals = [np.linspace(0.1, 0.4, arm.joints) * (1, -1, 1, -1, 1)[: arm.joints] for arm in by_arm.cart.arms]
+    for place, goal in enumerate(goals):
+        by_arm.link.turn(place, goal)
+    run(by_arm, 0.5)
+    assert by_arm.field("setup_valid").all()
+    for place, goal in enumerate(goals):
+        near = 0.6 * np.array([abs(scale) for scale, _ in by_arm.cart.arms[place].primary])  # half a count
+        assert (np.abs(by_arm.field("position")[place, : len(goal)] - goal) <= near).all()
+    by_arm.link.silent = ("PSM1",)
+    run(by_arm, 5.5)
+    assert by_arm.field("setup_valid").tolist() == [True, False, True, True]
+    assert by_arm.reports.of("warning") == ["PSM1: its pose is not known (PSM1: out of reach)"]
+
+
+def test_a_joint_without_a_reading_makes_its_arm_unknown(by_arm: SetupHarness, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(by_arm, 0.5)
+    polled = by_arm.link.poll
+
+    def lacks(now_ns: int) -> list[tuple[str, bytes]]:
+        rows = dict(polled(now_ns))
+        if "ECM" in rows:
+            pots = json.loads(rows["ECM"])["pots"]
+            pots[1][2] = -1
+            rows["ECM"] = json.dumps({"pots": pots}).encode()
+        return list(rows.items())
+
+    monkeypatch.setattr(by_arm.link, "poll", lacks)
+    run(by_arm, 0.3)
+    assert by_arm.field("setup_valid").tolist() == [False, True, True, True]
+    assert by_arm.reports.of("warning") == ["ECM: no reading of joint 3"]
+    monkeypatch.undo()
+    run(by_arm, 0.3)
+    assert by_arm.field("setup_valid").all()
+
+
+def test_real_controllers_of_a_cart_of_2026_are_not_read_and_say_why(by_arm: SetupHarness) -> None:
+    link = link_of(replace(by_arm.cart, emulated=False))
+    assert link.poll(0) == [] and "firmware Rev 10" in link.problem("PSM1")
+    link.close()
 
 
 def test_an_si_arm_is_unknown_while_clutched_and_until_it_was_read_again(si: SetupHarness) -> None:

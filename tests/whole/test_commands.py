@@ -62,7 +62,7 @@ class CommandStage:
         self.sound = Sound(lambda name: None)
         events: Any = self.events
         consoles: Any = [self.console]
-        self.commands = SystemCommands(arms, consoles, events, self.sound, 0.5)
+        self.commands = SystemCommands(arms, consoles, events, self.sound, 0.5, ["PSM1", "SUJ/PSM1"])
 
     def ask(self, name: str, *values: float, text: str = "") -> FakeCommand:
         command = FakeCommand(name, text, *values)
@@ -208,3 +208,18 @@ def test_programs_are_those_of_the_path_and_what_they_fail_at_is_told_once(
     assert sound.step(0) == "" and sound.step(GIVE_UP_NS - 1) == ""
     assert "espeak-ng does not end" in sound.step(GIVE_UP_NS) and sound.step(GIVE_UP_NS) == ""
     sound.close()
+
+
+def test_a_pose_is_shown_until_its_program_hides_it_or_ends() -> None:
+    stage = CommandStage(FakeArm("PSM1", "ENABLED"))
+    command = stage.ask("show_pose", 0.1, -0.2, text="PSM1")
+    assert command.outcome == "done" and stage.commands.shown == ("PSM1", [0.1, -0.2])
+    assert stage.ask("show_pose", 0.3, text="SUJ/PSM1").outcome == "done" and stage.commands.shown[0] == "SUJ/PSM1"
+    for values, text, why in (((0.3,), "PSM7", "no arm PSM7"), ((0.0,) * 9, "PSM1", "1 to 8"), ((), "PSM1", "1 to 8")):
+        assert why in stage.ask("show_pose", *values, text=text).answers[-1][1]
+    assert stage.commands.shown == ("SUJ/PSM1", [0.3])
+    assert stage.ask("show_pose").outcome == "done" and stage.commands.shown == ("", ())
+    shows = stage.ask("show_pose", 0.3, text="PSM1")
+    shows.has_client = False
+    stage.commands.execute([], 3)
+    assert stage.commands.shown == ("", ())

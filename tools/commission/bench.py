@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from trocar.procs.document.cart import Cart
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.tables.bring_up import DISABLED, ENABLED
 from trocar.shm.commands import ENDINGS
@@ -18,10 +21,11 @@ from trocar.shm.time.system_time import SystemTime
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.remote import Remote
 from trocar.tools.commission.person import Person
-from trocar.tools.commission.subject import Subject, subjects_of
+from trocar.tools.commission.subject import Subject, carts_of, subjects_of
 from trocar.tools.commission.window import Window
 from trocar.tools.output.errors import Problem
 
+SETUP_JOINTS: Final = 6
 SLICE_S: Final = 0.5  # the ring keeps 3 s
 OFF_S: Final = 0.2  # amplifiers are off long before
 
@@ -39,6 +43,21 @@ class CommandOutcome:
         return self.outcome == "done"
 
 
+@dataclass(frozen=True, slots=True)
+class SetupReadings:
+    """Potentiometers of a cart's setup arms: whole `rounds` so far, `clutched` (n,), `volts` (n, 2, 6)."""
+
+    rounds: int
+    clutched: NDArray[np.bool_]
+    volts: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, field: Callable[[str], NDArray[Any]]) -> SetupReadings:
+        """From fields of the record of setup joints."""
+        volts = np.stack([field("primary_voltage"), field("secondary_voltage")], axis=1)[:, :, :SETUP_JOINTS]
+        return cls(int(field("rounds")), field("clutched").copy(), volts.astype(np.float64))
+
+
 class RunningBench(Closable):
     """A running system; a context manager."""
 
@@ -46,13 +65,18 @@ class RunningBench(Closable):
         """Attach; SegmentError when it does not run."""
         self.document, self.person = document, person
         self.system = document.name
-        self.subjects = subjects_of(document, chosen)
+        self.subjects, self.carts = subjects_of(document, chosen), carts_of(document, chosen)
         self._open = contextlib.ExitStack()
         self.time = self._open.enter_context(SystemTime(self.system))
         """The time in which stages measure and wait; a rehearsal's may be simulated."""
         self._readers: dict[str, RingReader] = {}
         self._remotes: dict[str, Remote] = {}
-        for io in {subject.io for subject in self.subjects}:
+        self._whole = self._open.enter_context(Remote(self.system, "system"))
+        self._setups: dict[str, RingReader] = {}
+        for cart in self.carts:
+            self._setups[cart.name] = setup = directory.reader(self.system, cart.name, "state", "suj", often=False)
+            self._open.callback(setup.close)
+        for io in {subject.io for subject in self.subjects} | {cart.io for cart in self.carts}:
             self._readers[io] = reader = directory.reader(self.system, io, "state", "io")
             self._open.callback(reader.close)
             self._remotes[io] = self._open.enter_context(Remote(self.system, io))
@@ -100,6 +124,38 @@ class RunningBench(Closable):
         window = self.sample(subject.io, OFF_S)
         if window.drives("amp_on", subject)[-1].any():
             raise Problem(f"{subject.whole()}: amplifiers are still on; press the emergency stop")
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        self.time.pause(seconds)
+
+    @contextlib.contextmanager
+    def showing(self, name: str, position: Sequence[float]) -> Iterator[None]:
+        """Show a ghost of an arm (or SUJ/setup arm) with these joints (m, rad) in 3D; it ends with us in any case."""
+        with contextlib.suppress(Problem):
+            self._whole.ask("show_pose", position, name)
+        try:
+            yield
+        finally:
+            with contextlib.suppress(Problem):
+                self._whole.ask("show_pose")
+
+    def setup_readings(self, cart: Cart) -> SetupReadings:
+        """The newest ones; Problem if there are none."""
+        reader = self._setups[cart.name]
+        if not reader.newest():
+            raise Problem(f"{cart.name} shows nothing; does it run? (trocar status)")
+        return SetupReadings.of(reader.field)
+
+    def enable_setup(self, cart: Cart) -> None:
+        """Power on; its brakes hold until a clutch is pressed. Problem if it does not come on."""
+        bring_all(self.system, [cart.name], ENABLED)
+
+    def disable_setup(self, cart: Cart) -> None:
+        """Power off in any case; io gets the command too."""
+        with contextlib.suppress(Problem):
+            bring_all(self.system, [cart.name], DISABLED)
+        self.asked(cart.io, "power_off", (), cart.robot, 2.0)
 
     def close(self) -> None:
         """Detach."""

@@ -15,10 +15,12 @@ from typing import Final
 
 import numpy as np
 
+from trocar.procs.kinematics.inverse.arms import carrying
 from trocar.tools.commission import io_file
 from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Finding, Outcome
 from trocar.tools.commission.person import Put, Squeeze
+from trocar.tools.commission.picture import SIDES, frames_at, picture
 from trocar.tools.commission.read import carried
 from trocar.tools.commission.subject import Subject
 from trocar.tools.commission.window import Floats, Window
@@ -84,12 +86,18 @@ def _robot(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int,
         if outcome.add(judge(line, subject, axis, by)):
             return {}
         lines[axis] = line
-    chosen = bench.person.chosen(f"Hold {subject.name} in its zero position (all joints 0). Which axes are there now?",
-                                 axes)
-    if not chosen:
-        return {axis: FittedLine(line.scale, _old(subject, axis)[1], 0.0) for axis, line in lines.items()}
-    volts = _volts(bench, subject, Put(subject, (0.0,) * len(subject.robot.actuators)),
-                  f"Hold {subject.name} in its zero position, still.")
+    arm = bench.document.arm(subject.arm)
+    kinematics = carrying(arm, arm.tool.name if arm.tool is not None else arm.endoscope)
+    zero = np.zeros(kinematics.n)
+    bench.person.report(f"The zero position of {subject.name} looks like this:\n"
+                        + picture(frames_at(kinematics, zero), SIDES))
+    with bench.showing(subject.arm, zero.tolist()):
+        chosen = bench.person.chosen(f"Hold {subject.name} in its zero position (all joints 0). Which axes are there "
+                                     "now?", axes)
+        if not chosen:
+            return {axis: FittedLine(line.scale, _old(subject, axis)[1], 0.0) for axis, line in lines.items()}
+        volts = _volts(bench, subject, Put(subject, (0.0,) * len(subject.robot.actuators)),
+                      f"Hold {subject.name} in its zero position, still.")
     return {axis: FittedLine(line.scale,
                              -line.scale * float(volts[axis]) if axis in chosen else _old(subject, axis)[1], 0.0)
             for axis, line in lines.items()}

@@ -72,7 +72,8 @@ def _measured(bench: RunningBench, subject: Subject, depth: float) -> tuple[Floa
                 (depth + AWAY_M, f"Insert the instrument {AWAY_M * 1e2:g} cm deeper, and hold it still.", found[1])):
             goal = [0.0] * len(subject.robot.actuators)
             goal[INSERTION] = insertion
-            window = held(bench, subject, Put(subject, tuple(goal)), text)
+            with bench.showing(subject.arm, goal[:INSERTION + 1]):
+                window = held(bench, subject, Put(subject, tuple(goal)), text)
             into.append([float(window.axes(field, subject)[:, INSERTION].mean())
                          for field in ("pot_position", "position")])
     return np.array(found[0]), np.array(found[1])

@@ -23,6 +23,8 @@ Place = tuple[str | int, ...]
 """Keys and indices from a robot to a number."""
 Values = Mapping[str, Mapping[Place, float]]
 """By robot and place."""
+KEYS: Final = {"robots": "IO_file", "arms": "arm_file"}
+"""Of the system file, by the list in the named file."""
 DIGITS: Final = 9  # of the written numbers
 REHEARSED: Final = "rehearsed"
 """In the names of files from emulated robots, which must never replace those of a real one."""
@@ -39,11 +41,12 @@ class SavedIoFile:
     notes: list[str] = field(default_factory=list)
 
 
-def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: bool = False) -> SavedIoFile:
+def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: bool = False,
+         part: str = "robots") -> SavedIoFile:
     """Put values into a new file `NAME-calibrated.json` in `folder`, or with `write` into the file itself.
 
-    `rehearsed`: they are those of an emulated robot, and the new file is `NAME-rehearsed.json`. Problem if that fails;
-    then nothing has changed.
+    `part`: the list with the named robots, or arms. `rehearsed`: the values are those of an emulated robot, and the new
+    file is `NAME-rehearsed.json`. Problem if that fails; then nothing has changed.
     """
     read, problems = read_source(source)
     if read is None:
@@ -51,7 +54,7 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     if write and source.suffix != ".json":
         raise Problem(f"{source} is no JSON and would lose its comments; without --write a new file is written")
     data = copy.deepcopy(read.data)
-    _put(data, values, source)
+    _put(data, values, source, part)
     old, new = to_json(read.data), to_json(data)
     path = source if write else folder / f"{source.stem}-{REHEARSED if rehearsed else 'calibrated'}.json"
     diff = "".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), str(source), str(path), n=0))
@@ -59,16 +62,17 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     if (kept := put(path, new, lambda fresh: _check(path, fresh, source.parent))) is not None:
         saved.files.append(kept)
         saved.notes.append(f"{path} was there; it is {kept} now")
-    use = "" if write else f"; use it in place of {source.name} (IO_file of the system file)"
+    use = "" if write else f"; use it in place of {source.name} ({KEYS[part]} of the system file)"
     saved.notes.append(f"{path} {OF_EMULATED}" if rehearsed else f"{path} has the calibrated values{use}")
     return saved
 
 
 def save_all(bench: RunningBench, outcome: Outcome, changes: Mapping[str, Values], folder: Path, *,
-             write: bool) -> Outcome:
-    """`save` the values of each IO file, and show the person the changed lines; returns the outcome."""
+             write: bool, part: str = "robots") -> Outcome:
+    """`save` the values of each file, and show the person the changed lines; returns the outcome."""
+    rehearsed = bench.document.emulation is not None
     for source, values in changes.items():
-        saved = save(Path(source), values, folder, write=write, rehearsed=bench.document.emulation is not None)
+        saved = save(Path(source), values, folder, write=write, rehearsed=rehearsed, part=part)
         bench.person.report(saved.diff or f"{source}: nothing changes")
         outcome.notes += saved.notes
         outcome.files += saved.files
@@ -99,19 +103,28 @@ def line_of(axis: int, scale: float, offset: float) -> dict[Place, float]:
     return {(*where, "scale"): scale, (*where, "offset"): offset}
 
 
-def _put(data: dict[str, Any], values: Values, source: Path) -> None:
-    if lost := set(values) - {str(robot.get("name")) for robot in data.get("robots", [])}:
-        raise Problem(f"{source} has changed: robot {', '.join(sorted(lost))} is missing")
-    for robot in data.get("robots", []):
+def texts_of(source: str, part: str, key: str) -> dict[str, str]:
+    """A text of each robot, or arm, of a file; Problem if the file cannot be read."""
+    read, problems = read_source(Path(source))
+    if read is None:
+        raise Problem(f"{source} can no longer be read: {problems[0]}")
+    data: dict[str, Any] = read.data
+    return {str(row.get("name")): str(row.get(key, "")) for row in data.get(part, [])}
+
+
+def _put(data: dict[str, Any], values: Values, source: Path, part: str) -> None:
+    if lost := set(values) - {str(robot.get("name")) for robot in data.get(part, [])}:
+        raise Problem(f"{source} has changed: {part.removesuffix('s')} {', '.join(sorted(lost))} is missing")
+    for robot in data.get(part, []):
         for place, value in values.get(str(robot.get("name")), {}).items():
             named = f"{robot['name']} {'.'.join(map(str, place))}"
             if not math.isfinite(value):
                 raise Problem(f"{named}: {value:g} cannot be written")
-            part = robot
+            into: Any = robot
             try:
                 for key in place[:-1]:
-                    part = part[key]
-                part[place[-1]] = float(f"{value:.{DIGITS}g}")
+                    into = into[key]
+                into[place[-1]] = float(f"{value:.{DIGITS}g}")
             except (LookupError, TypeError):
                 raise Problem(f"{source} has changed: {named} is missing") from None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import sys
 from collections.abc import Iterator, Sequence
@@ -80,6 +81,16 @@ class Rock:
     axis: int
 
 
+@dataclass(frozen=True, slots=True)
+class Settle:
+    """Bring a setup arm of a robot to about this position (m, rad) while its clutch is pressed, and let it rest."""
+
+    robot: str
+    arm: str
+    clutch: str
+    position: tuple[float, ...]
+
+
 def _typed(question: str) -> str:
     """A line; Declined at the end of input (Ctrl-D)."""
     try:
@@ -88,7 +99,7 @@ def _typed(question: str) -> str:
         raise Declined("not confirmed: the input has ended; run the same command again") from None
 
 
-Act = Carry | Sweep | Rock | Put | Press | Stop | Squeeze
+Act = Carry | Sweep | Rock | Put | Press | Stop | Squeeze | Settle
 
 
 Person: TypeAlias = "AtTerminal | PersonSim"
@@ -129,11 +140,28 @@ class AtTerminal:
             if words and all(word.isdecimal() and int(word) in axes for word in words):
                 return tuple(int(word) for word in words)
 
+    def measured(self, question: str, act: Settle) -> tuple[float, ...]:
+        """Joints that the person has measured there, m and rad: the first is typed in mm, the others in degrees."""
+        count = len(act.position)
+        while True:
+            words = _typed(f"{question}: ").replace(",", " ").split()
+            try:
+                values = [float(word) for word in words]
+            except ValueError:
+                values = []
+            if len(values) != count or not all(map(math.isfinite, values)):
+                self.report(f"{count} numbers are needed")
+                continue
+            shown = f"{values[0]:g} mm, " + ", ".join(f"{value:g}°" for value in values[1:])
+            if self.agrees(f"{shown}: is that right?"):
+                return values[0] * 1e-3, *map(math.radians, values[1:])
+
     def doing(self, act: Act, text: str) -> Iterator[None]:
         """Have manual work done: yields while the person is at work, until Enter, or for PATIENCE_S."""
-        when = {Rock: "to stop", Put: "while it is held still", Squeeze: "while it is held"}.get(type(act), "when done")
+        when = {Rock: "to stop", Settle: "when it is there and its clutch released", Put: "while it is held still",
+                Squeeze: "while it is held"}.get(type(act), "when done")
         tell(f"\n{text}\n(press Enter {when})", flush=True)
-        end = monotonic_ns() + round((SWEEP_PATIENCE_S if isinstance(act, Sweep) else PATIENCE_S) * 1e9)
+        end = monotonic_ns() + round((SWEEP_PATIENCE_S if isinstance(act, Sweep | Settle) else PATIENCE_S) * 1e9)
         with contextlib.suppress(GeneratorExit):
             while monotonic_ns() < end:
                 yield

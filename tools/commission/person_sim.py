@@ -15,13 +15,15 @@ from trocar.procs.document.system import SystemConfig
 from trocar.shm.memory.closable import Closable
 from trocar.shm.system import directory
 from trocar.tools.client.remote import Remote
-from trocar.tools.commission.person import Act, Carry, Press, Put, Rock, Squeeze, Stop, Sweep
+from trocar.tools.commission.person import Act, Carry, Press, Put, Rock, Settle, Squeeze, Stop, Sweep
 from trocar.tools.commission.subject import Subject
 from trocar.tools.output.printing import note
 
 STEPS: Final = 8  # of a motion by hand, each way
 BEYOND: Final = 1.3  # times the requested motion
 SWEEP_STEPS: Final = 2800  # from stop to stop: a reading that lags by one of them, each way, is still repeated
+CLUTCHED: Final = 10  # looks until the brakes of a setup arm have released, or hold
+SETUP_JOINTS: Final = 6
 WAITS: Final = 40  # looks while the person waits for an event
 ROCKED_RAD, ROCKED_M = 0.02, 0.003
 OPEN, CLOSED = math.radians(60.0), 0.0  # gripper, rad
@@ -61,6 +63,9 @@ class PersonSim:
     def report(self, line: str) -> None:
         note(line)
 
+    def measured(self, question: str, act: Settle) -> tuple[float, ...]:
+        return act.position
+
     def doing(self, act: Act, text: str) -> Iterator[None]:
         match act:
             case Carry(subject, axis, by):
@@ -86,6 +91,14 @@ class PersonSim:
             case Squeeze(subject, closed):
                 self._order("set_position", (CLOSED if closed else OPEN,), subject.name)
                 yield from (None for _ in range(WAITS))
+            case Settle(robot, arm, clutch, position):
+                self._order("press", (1.0,), clutch)
+                try:
+                    yield from (None for _ in range(CLUTCHED))  # its brakes release
+                    self._order("set_position", (*position, *(0.0,) * (SETUP_JOINTS - len(position))), f"{robot}/{arm}")
+                finally:
+                    self._order("press", (0.0,), clutch)
+                yield from (None for _ in range(CLUTCHED))
             case Press(name, pressed):
                 self._order("press", (float(pressed),), name)
                 try:

@@ -61,5 +61,7 @@ STAGES: Final = (
                     "a joint that does not follow, does not arrive, or passes its limit"),
     CommissionStage("gravity", "weight of masters, from many poses, into a gravity file",
                     "a model that does not predict other poses", writes=True),
+    CommissionStage("setup_joints", "potentiometers of Classic setup joints, from measured poses, into their file",
+                    "a dead, loose, worn or swapped potentiometer, a mistyped value", writes=True),
 )
 NAMES: Final = tuple(stage.name for stage in STAGES)

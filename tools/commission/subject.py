@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from trocar.procs.document.cart import CLASSIC, Cart
 from trocar.procs.document.system import Actuator, IoConfig, Robot, SystemConfig
 
 UNITS = {"PRISMATIC": "m"}
@@ -86,8 +87,14 @@ def subjects_of(system: SystemConfig, arms: list[str] | None = None) -> tuple[Su
                  if not arms or _owner(system, subject) in arms)
 
 
+def carts_of(system: SystemConfig, arms: list[str] | None = None) -> tuple[Cart, ...]:
+    """Classic setup joints with boards, all or those of these names."""
+    return tuple(cart for cart in system.carts if cart.kind == CLASSIC and cart.io and (not arms or cart.name in arms))
+
+
 def _of(system: SystemConfig, io: IoConfig) -> list[Subject]:
-    found, driven = [], {pid.robot: pid for pid in io.pids}
+    carts = {cart.name for cart in system.carts}  # their brakes are driven like motors
+    found, driven = [], {pid.robot: pid for pid in io.pids if pid.arm not in carts}
     grippers = {arm.gripper for arm in system.arms if arm.io == io.name}
     for place in io.places:
         robot, pid = place.robot, driven.get(place.robot.name)

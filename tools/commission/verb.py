@@ -25,7 +25,7 @@ from trocar.tools.commission.person import AtTerminal, Declined, Person
 from trocar.tools.commission.person_sim import AtBoards
 from trocar.tools.commission.report import CommissionReport, fingerprint
 from trocar.tools.commission.stages import NAMES, STAGES, CommissionStage
-from trocar.tools.commission.subject import subjects_of
+from trocar.tools.commission.subject import carts_of, subjects_of
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, note, table, tell
 from trocar.tools.systems.find import supervisor_of, system_file, unknown
@@ -124,6 +124,7 @@ def commission(
 def _check(job: Job, yes: bool) -> None:
     """Problem if the system has no such arms on boards; Misuse for options of the other kind of boards."""
     there = [subject.arm for subject in subjects_of(job.document) if subject.arm]
+    there += [cart.name for cart in carts_of(job.document)]
     if not there:
         raise Problem(f"{job.request.file}: no robot on boards to commission")
     if absent := next((name for name in job.arms if name not in there), None):
@@ -137,7 +138,7 @@ def _check(job: Job, yes: bool) -> None:
 def _files(file: Path, document: SystemConfig, book: CommissionReport) -> list[Path]:
     """The report, the files of the system, and those that stages have written."""
     sources = [Path(robot.source) for io in document.ios for robot in io.robots]
-    sources += [Path(arm.source) for arm in document.arms]
+    sources += [Path(arm.source) for arm in document.arms] + [Path(cart.source) for cart in document.carts]
     each = {path.resolve(): path for path in (book.path, file, *sources, *book.made) if path.is_file()}
     return list(each.values())
 
@@ -198,15 +199,18 @@ def _due(job: Job, book: CommissionReport, files: str, wanted: str) -> list[Comm
         if left and STAGES.index(left[0]) < STAGES.index(due[0]):
             raise Problem(f"stage {wanted} comes after {left[0].name}, which has not passed with these files; without "
                           "--stage it continues there")
-    for what, stage in _lacks(job.document):
+    for what, stage in _lacks(job):
         if due and not (due := [row for row in due if row in STAGES[: NAMES.index(stage) + 1]]):
             raise Problem(f"{what}: use the file that stage {stage} has written (--stage {stage} repeats it)")
     return due
 
 
-def _lacks(document: SystemConfig) -> list[tuple[str, str]]:
-    """Values without which no motor may be driven, with the stage that measures them."""
-    found = []
+def _lacks(job: Job) -> list[tuple[str, str]]:
+    """Values without which no motor may be driven, with the stage that measures them; none for setup joints alone."""
+    found: list[tuple[str, str]] = []
+    document = job.document
+    if job.arms and not subjects_of(document, job.arms):
+        return []
     for robot in (subject.robot for subject in subjects_of(document) if subject.arm):
         if robot.hardware != "dRA1" and are_nominal([part.current_to_bits.offset for part in robot.actuators]):
             found.append((f"{robot.name}: its IO file still has nominal current offsets", "currents"))
@@ -245,7 +249,7 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                 _tell_stop(row, job, book, () if as_json else tried.problems)
                 return 1
             note(f"{row.name} passed")
-            goes_on = row is not due[-1] or _lacks(job.document)
+            goes_on = row is not due[-1] or _lacks(job)
             if row.writes and outcome.figures and goes_on and (after := _new_files(job)):
                 note(after)
                 return 0

@@ -10,6 +10,7 @@ from trocar.procs.config.loading import convert
 from trocar.procs.config.loading.buses import BusFiles, SystemFiles
 from trocar.procs.config.loading.chains import KINEMATIC, dh_chain
 from trocar.procs.config.loading.context import Opened
+from trocar.procs.config.loading.setup_pots import open_pots
 from trocar.procs.config.models.arm_file import (
     PLUGS,
     FixedSetupFile,
@@ -214,10 +215,17 @@ class _CartLoader:
         if opened is None:
             return None
         content, emulated = opened.content, self.system.emulated
-        arms = [self._si_arm(part) for part in opened.each("arms", content.arms)]
+        by_arm = not self.is_kinematic and _has_pots_elsewhere(content)
+        arms = [self._si_arm(part, by_arm=by_arm) for part in opened.each("arms", content.arms)]
         made = self._cart(opened, arms, content.reference_arm)
         if self.is_kinematic:
             return made
+        if by_arm:
+            if not emulated:
+                text = ("firmware Rev 10 reads these setup joints; where it shows them is not public, so their poses "
+                        "stay unknown")
+                self.part.warning("type", text, "SUJ_Fixed, with measured poses, until then")
+            return dataclasses.replace(made, by_arm=True, emulated=emulated)
         if content.base_arduino_mac is None:
             text = "this key is required: the first joint of every arm hangs on the base's board"
             opened.error("base_arduino_mac", text, "a Bluetooth address")
@@ -225,7 +233,7 @@ class _CartLoader:
             self.system.note(f"{made.name}: potentiometer boards emulated, no Bluetooth is used")
         return dataclasses.replace(made, base_board=content.base_arduino_mac or "", emulated=emulated)
 
-    def _si_arm(self, part: Opened[SiArmKeys]) -> cart.CartArm | None:
+    def _si_arm(self, part: Opened[SiArmKeys], *, by_arm: bool) -> cart.CartArm | None:
         keys, geometry = part.content, self._geometry(part)
         if geometry is None:
             return None
@@ -234,15 +242,26 @@ class _CartLoader:
         if joints not in SI_JOINTS:
             allowed = " or ".join(str(count + FIXED_LINKS) for count in SI_JOINTS)
             part.error("DH", f"{rows} rows", f"{allowed} rows, the last two fixed")
-        pots = self._pots(part, joints)
+        pots = self._pots_by_arm(part, joints) if by_arm else self._pots(part, joints)
         if keys.name not in BASE_POTS:
             part.unlisted("name", "not an Si setup arm", BASE_POTS)
-        elif not self.is_kinematic and keys.arduino_mac is None:
+        elif not self.is_kinematic and not by_arm and keys.arduino_mac is None:
             part.error("arduino_mac", "this key is required", "a Bluetooth address")
         if pots is None or keys.name not in BASE_POTS:
             return None
-        return self._arm(part, geometry, pots, joints, board=keys.arduino_mac or "",
+        return self._arm(part, geometry, pots, joints, board=keys.name if by_arm else keys.arduino_mac or "",
                          base_pot=BASE_POTS.index(keys.name))
+
+    def _pots_by_arm(self, part: Opened[SiArmKeys], joints: int) -> Pots | None:
+        """The same as `_pots`, from the file of the arm that it carries."""
+        name = self.carries.get(part.content.name, "")
+        arm = next((row for row in self.system.content.arms if row.name == name), None)
+        if arm is None:
+            part.error("name", "its potentiometers are in the file of the arm that it carries, and it carries none",
+                       f"an arm with base_frame {self.part.content.name}/{part.content.name}")
+            return None
+        found, weight = open_pots(self.system, arm, part, joints), _weight(part, joints)
+        return (found[0], found[1], weight) if found is not None and weight else None
 
     # -- fixed ---------------------------------------------------------------------------------------------------------
 
@@ -311,6 +330,13 @@ class _CartLoader:
             made.append(tuple(zip(*(values or () for _, values in rows), strict=False)))
         weight = _weight(part, joints)
         return (made[0], made[1], weight) if fine and weight else None
+
+
+def _has_pots_elsewhere(content: SiSetupFile) -> bool:
+    """Whether the file has the geometry only: potentiometers are in one file an arm, as since 2026."""
+    rows = (value for arm in content.arms for value in (arm.primary_scales, arm.primary_offsets, arm.secondary_scales,
+                                                        arm.secondary_offsets, arm.arduino_mac))
+    return content.base_arduino_mac is None and all(value is None for value in rows)
 
 
 def _missing(names: Iterable[str], there: Collection[str]) -> str:

@@ -27,10 +27,12 @@ from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.loading.instruments import check_index, file_of, psm_tool
 from trocar.procs.config.loading.io_checks import check_bus, check_io_file
 from trocar.procs.config.loading.load import load_system
+from trocar.procs.config.loading.setup_pots import check_pots
 from trocar.procs.config.models.arm_file import ArmFile, FixedSetupFile, PsmFile, SetupFile, SiSetupFile
 from trocar.procs.config.models.io_file import HidFile, IoFile, PidFile
 from trocar.procs.config.models.kinematic_file import GravityFile, KinematicFile, ToolFile, ToolIndexFile
 from trocar.procs.config.models.lookup_file import check_table, load_tables
+from trocar.procs.config.models.setup_pots import SiPotsFile
 from trocar.procs.config.models.system_file import SystemFile
 from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.problem import WARNING, FileProblem
@@ -42,6 +44,7 @@ from trocar.procs.tables.arm_types import ARM_TYPES, class_of
 
 SYSTEM = "system"
 UNKNOWN = "unknown"
+SETUP_POTS = "setup joints, Si arm"
 
 HEADS = {
     SYSTEM: {"$id": "dvrk-system.schema.json", "$version": "1"},
@@ -56,7 +59,8 @@ OWN_KEYS = {name.lower(): tuple(key for key in fields_of(class_of(row.arm_file, 
             for name, row in ARM_TYPES.items()}
 """Keys that arm files of only this kind have."""
 
-_IDS = {head["$id"]: kind for kind, head in HEADS.items()}
+_IDS = {head["$id"]: kind for kind, head in HEADS.items()} | dict.fromkeys(
+    ("saw-robot-io-suj-si.schema.json", "saw-robot-io-SUJ-Si.schema.json"), SETUP_POTS)
 
 
 _MARKS = tuple((kind, frozenset(keys.split())) for kind, keys in (
@@ -197,6 +201,7 @@ KINDS: Final[Mapping[str, FileKind]] = {
     "setup joints, Classic": FileKind(SetupFile, partial(check_cart, kind=CLASSIC)),
     "setup joints, Si": FileKind(SiSetupFile, partial(check_cart, kind=SI)),
     "setup joints, fixed": FileKind(FixedSetupFile, partial(check_cart, kind=FIXED)),
+    SETUP_POTS: FileKind(SiPotsFile, check_pots),
     "potentiometer table": FileKind(None, check_table),
     "gravity": FileKind(GravityFile, check_gravity),
     "head sensor": FileKind(HidFile, lambda opened: None),

@@ -5,6 +5,8 @@ const COLOURS = { PSM: ["#4f9cf0", "#3fbf8f", "#b98cf0", "#5cc6d0"], MTM: ["#e8a
 const GREY = "#8a939c";
 const FAULT = "#e5484d";
 const NEAR = "#ff9f1c";
+const GHOST = "#2dd4bf";
+const FAINT = { transparent: true, opacity: 0.35, depthWrite: false };
 const TRAIL = 200;
 const RAIL_TOP = new THREE.Vector3(0, 0.065, -0.46);
 const UP = new THREE.Vector3(0, 1, 0);
@@ -22,7 +24,7 @@ class ArmModel {
     this.isRemote = drawn.type !== "MTM"; // turns about a point in the patient's wall
     this.colour = new THREE.Color(colour);
     this.group = new THREE.Group();
-    const look = ghost ? { transparent: true, opacity: 0.35, depthWrite: false } : {};
+    const look = ghost ? FAINT : {};
     this.body = new THREE.MeshStandardMaterial({ color: colour, roughness: 0.55, metalness: 0.1, ...look });
     this.steel = new THREE.MeshStandardMaterial({ color: ghost ? colour : "#b9c2cb", roughness: 0.35, metalness: 0.4, ...look });
     this.warn = new THREE.MeshStandardMaterial({ color: NEAR, roughness: 0.5, ...look });
@@ -134,10 +136,11 @@ const STEEL = "#9fb0c0";
 
 // A setup arm: from the column of its cart to the arm that it carries, in the frame of the cart.
 class SetupModel {
-  constructor() {
+  constructor(ghost) {
     this.group = new THREE.Group();
     this.at = [];
-    this.body = new THREE.MeshStandardMaterial({ color: STEEL, roughness: 0.6, metalness: 0.15 });
+    this.isGhost = ghost;
+    this.body = new THREE.MeshStandardMaterial({ color: ghost ? GHOST : STEEL, roughness: 0.6, metalness: 0.15, ...(ghost ? FAINT : {}) });
     this.links = [];
   }
 
@@ -166,6 +169,7 @@ class SetupModel {
       if (length > 0.001) this.links[i].quaternion.setFromUnitVectors(UP, along.divideScalar(length));
     }
     this.joints.forEach((joint, i) => joint.position.copy(this.at[i + 1]));
+    if (this.isGhost) return;
     this.isGrey = arm.late || !arm.valid;
     this.body.color.set(this.isGrey ? GREY : STEEL);
     this.body.opacity = this.isGrey ? 0.45 : 1;
@@ -284,7 +288,7 @@ export default {
       this.scene.add(model.group);
       this.models[name] = model;
       if (this.only) {
-        this.ghost = new ArmModel(name, drawn, "#2dd4bf", true);
+        this.ghost = new ArmModel(name, drawn, GHOST, true);
         this.ghost.group.visible = false;
         model.group.add(this.ghost.group);
       }
@@ -320,7 +324,9 @@ export default {
     refresh() {
       const found = window.trocar.data("scene")?.arms;
       if (!found) return;
-      if (!this.only) this.carts(window.trocar.data("scene").carts);
+      const { carts, shown } = window.trocar.data("scene");
+      if (!this.only) this.carts(carts);
+      this.ask(shown);
       let apart = 0;
       for (const [name, model] of Object.entries(this.models)) {
         const arm = found[name];
@@ -359,13 +365,31 @@ export default {
     carts(found) {
       for (const [cart, arms] of Object.entries(found || {})) {
         const isNew = !this.setups[cart] && Object.keys(arms).length;
-        if (isNew) this.setups[cart] = Object.fromEntries(Object.keys(arms).map((name) => [name, new SetupModel()]));
+        if (isNew) this.setups[cart] = Object.fromEntries(Object.keys(arms).map((name) => [name, new SetupModel(false)]));
         for (const [name, arm] of Object.entries(arms)) this.setups[cart][name].show(arm);
         if (!isNew) continue;
         const setups = Object.values(this.setups[cart]);
         this.stands = [...(this.stands || []), ...setups.map((setup) => setup.group), column(setups)];
         this.scene.add(...this.stands);
       }
+    },
+    // A pose to which a person is asked to bring an arm: a ghost of it, for as long as the asking program shows it.
+    ask(shown) {
+      if (this.asked && this.asked.name !== shown?.name) {
+        this.asked.group.removeFromParent();
+        this.asked.label.remove();
+        this.asked = null;
+      }
+      const own = shown && this.models[shown.name];
+      if (!own && (!shown?.name.includes("/") || this.only)) return;
+      if (!this.asked) {
+        this.asked = own ? new ArmModel(shown.name, this.arms[shown.name], GHOST, true) : new SetupModel(true);
+        this.asked.name = shown.name;
+        this.asked.label = Object.assign(document.createElement("span"), { className: "asked", textContent: `bring ${shown.name} here` });
+        this.names.append(this.asked.label);
+        (own ? own.group : this.scene).add(this.asked.group);
+      }
+      this.asked.show({ frames: shown.frames, jaw: null, state: "ENABLED" });
     },
     // Points of some models, and of the carts, that must be visible.
     points(wanted, whole) {
@@ -377,6 +401,7 @@ export default {
       }
       for (const model of Object.values(this.models).filter(wanted))
         for (const at of model.isRemote && model.size ? [...model.at, RAIL_TOP.clone().applyMatrix4(model.rail.matrix)] : model.at) found.push(at.clone().applyMatrix4(model.group.matrixWorld));
+      for (const at of (whole && this.asked?.at) || []) found.push(at.clone().applyMatrix4(this.asked.group.matrixWorld));
       return found;
     },
     // Masters are placed beside the patient's side: the console's position in the room is unknown.
@@ -454,8 +479,8 @@ export default {
       this.renderer.render(this.scene, this.camera);
       const { clientWidth: width, clientHeight: height } = this.$el;
       const at = new THREE.Vector3();
-      for (const model of Object.values(this.models)) {
-        at.copy(model.carriage.position).applyMatrix4(model.group.matrixWorld).project(this.camera);
+      for (const model of [...Object.values(this.models), ...(this.asked ? [this.asked] : [])]) {
+        at.copy(model.carriage?.position ?? model.at.at(-1)).applyMatrix4(model.group.matrixWorld).project(this.camera);
         model.label.hidden = at.z > 1 || !model.group.visible;
         model.label.style.transform = `translate(${((at.x + 1) / 2) * width + 12}px, ${((1 - at.y) / 2) * height - 24}px)`;
       }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.tools.commission.bench import CommandOutcome
 from trocar.tools.commission.person_sim import PersonSim
-from trocar.tools.commission.subject import Subject, subjects_of
+from trocar.tools.commission.subject import Subject, carts_of, subjects_of
 from trocar.tools.commission.window import FIELDS, Window
 
 
@@ -58,7 +59,9 @@ class RigBench:
         self.document = loaded.system
         self.harness = BoardsHarness(loaded.system, driven=True)
         self.faults = BoardFaults(self.harness.world, self.harness.plant)
-        self.subjects = subjects_of(loaded.system)
+        self.subjects, self.carts = subjects_of(loaded.system), carts_of(loaded.system)
+        self.shown: list[tuple[str, list[float]]] = []
+        """Poses that the web console shows meanwhile, since start."""
         self.person = Hands(self.harness, self.faults)
         self.harness.run(0.1)
 
@@ -84,6 +87,11 @@ class RigBench:
             for name in FIELDS:
                 notes[name].append(np.array(getattr(record, name)))
         return Window(np.array(stamps), {name: np.array(rows) for name, rows in notes.items()})
+
+    @contextlib.contextmanager
+    def showing(self, name: str, position: Sequence[float]) -> Iterator[None]:
+        self.shown.append((name, list(position)))
+        yield
 
     def enable(self, subject: Subject) -> None:
         assert self.harness.do("power_on", subject.name).outcome == "done", self.harness.errors()

@@ -12,6 +12,7 @@ from tests.tools.commission.harness import RigBench
 from trocar.procs.config import PROJECT_CONFIGS, check_file
 from trocar.procs.config.read.source import read_source
 from trocar.tools.commission import calibrate, io_file
+from trocar.tools.commission.picture import SIDES, picture
 from trocar.tools.converters import to_json
 from trocar.tools.output.errors import Problem
 
@@ -129,3 +130,20 @@ def test_a_rehearsal_leaves_calibrated_files_of_the_robot_alone(site_file: Path)
     rehearsed = io_file.save(site_file, {"PSM1": io_file.line_of(1, -0.6, 1.0)}, site_file.parent, write=False,
                              rehearsed=True)
     assert real.read_bytes() == before and rehearsed.path != real and "rehearsed" in rehearsed.path.name
+
+
+def test_the_zero_position_is_shown_and_drawn_while_it_is_asked_for(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, drawn = RigBench("demo.yaml"), list[str]()
+    monkeypatch.setattr(bench.person, "report", drawn.append)
+    assert calibrate.run(bench, tmp_path).problems == []
+    assert bench.shown == [("PSM1", [0.0] * 6)]
+    text = drawn[0].splitlines()
+    assert text[0] == "The zero position of PSM1 looks like this:" and "x to the right, z up" in text[1]
+    assert {"o", "x", "#"} <= set(drawn[0]) and max(map(len, text)) <= 79
+
+
+def test_a_picture_has_the_directions_and_proportions_of_the_arm() -> None:
+    lines = picture(np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), (0.2, 0.0, 0.4))), SIDES).splitlines()
+    assert lines[1] == "    o" + "·" * 9 + "x" and lines[11] == "    #"
+    assert [line[4:5] for line in lines[2:11]] == ["·"] * 9

@@ -10,20 +10,24 @@ import subprocess
 import sys
 import tarfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
-from trocar.procs.config import PROJECT_CONFIGS
+from tests import stock
+from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.shm.memory.segment import Identity
 from trocar.tools.cli import build
 from trocar.tools.commission import verb
 from trocar.tools.commission.finding import Finding, Outcome
 from trocar.tools.commission.stages import NAMES, CommissionStage
+from trocar.tools.commission.subject import carts_of, subjects_of
 from trocar.tools.new_arm.verb import new_arm
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems import report_file
+from trocar.tools.systems.supervising import StartRequest
 
 WITH_CHILD = """
 import subprocess, sys
@@ -245,7 +249,7 @@ def test_the_list_of_real_boards_says_what_a_rehearsal_has_passed(kinematic, tmp
     real = tmp_path / DEMO.name
     real.write_text(DEMO.read_text().replace("boards: emulated", "boards: real"))
     listed = CliRunner().invoke(build("commission"), ["commission", str(real), "--list"])
-    assert "1 of 13 stages have passed in a rehearsal: --boards emulated lists those" in " ".join(listed.output.split())
+    assert "1 of 14 stages have passed in a rehearsal: --boards emulated lists those" in " ".join(listed.output.split())
 
 
 def test_what_is_no_report_is_left_alone(kinematic, tmp_path: Path) -> None:
@@ -320,3 +324,20 @@ def test_report_files_and_versions_are_packed_into_one_archive(
             "files/PSM1-demo-rehearsed.json",
             *(f"files/{each}" for each in ("arms/PSM1-demo.yaml", "io/PSM1-demo.yaml", "io/PSM1.json", "arm/PSM1.json"))
             } <= names
+
+
+
+def test_setup_joints_alone_wait_for_no_value_of_an_arm() -> None:
+    loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")])
+    demo = load_system(DEMO, boards="emulated").system
+    assert loaded.system is not None and demo is not None
+    ios = tuple(replace(io, calibration_mode=True) for io in (*demo.ios, *loaded.system.ios))
+    both = replace(demo, carts=loaded.system.carts, ios=ios)
+    assert [subject.name for subject in subjects_of(both)] == ["PSM1"] and not subjects_of(both, ["SUJ"])
+    assert [cart.name for cart in carts_of(both)] == ["SUJ"] == [cart.name for cart in carts_of(both, ["SUJ"])]
+    assert not carts_of(both, ["PSM1"]) and not carts_of(demo)
+
+    def lacks(*arms: str) -> list[str]:
+        return [stage for _, stage in verb._lacks(verb.Job(StartRequest(DEMO, "x"), both, list(arms), None, False))]
+
+    assert "calibrate" in lacks() and "calibrate" in lacks("PSM1") and lacks("SUJ") == []

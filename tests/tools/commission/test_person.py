@@ -6,9 +6,10 @@ import io
 import os
 import sys
 
+import numpy as np
 import pytest
 
-from trocar.tools.commission.person import AtTerminal, Declined, Stop
+from trocar.tools.commission.person import AtTerminal, Declined, Settle, Stop
 from trocar.tools.output.errors import Misuse
 
 
@@ -67,3 +68,11 @@ def test_where_nobody_can_type_nothing_begins(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(sys, "stdin", io.StringIO("PSM1\n"))
     with pytest.raises(Misuse, match="no terminal"):
         AtTerminal()
+
+
+def test_measured_joints_are_typed_in_mm_and_degrees_and_confirmed(types) -> None:
+    act = Settle("SUJ", "PSM1", "SUJ_clutch_2", (0.0, 0.0, 0.0))
+    typed = types("350 -90\n350 -90 x\n350 -90 nan\n350 -91, 45.5\nn\n350, -90 45.5\ny\n").measured("PSM1", act)
+    assert typed == pytest.approx((0.35, -np.pi / 2, np.radians(45.5)))
+    with pytest.raises(Declined, match="the input has ended"):
+        types("350 -90 45\n").measured("PSM1", act)
