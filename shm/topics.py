@@ -247,7 +247,7 @@ ARM_STATE = Topic("state", writer="arm", rate_hz=1500, fields=(
 ))
 
 # Written at start, when walls change, and 30 times a second while the arm is near one.
-ARM_WALLS = Topic("walls", writer="arm", depth=64, fields=(
+ARM_WALLS = Topic("walls", writer="arm", depth=8, fields=(
     Field("count", "u1", "", "walls in use"),
     Field("stopped_by", "S24", "", "wall that keeps the arm from its goal now; empty: none"),
     Field("name", "(16,)S24", "", "names of the walls"),

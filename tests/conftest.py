@@ -25,7 +25,6 @@ from trocar.shm.memory.segment import FOLDER, names_of
 
 ROOT = Path(__file__).resolve().parent.parent
 SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores
-ALONE_IN = (SYSTEMS, ROOT / "tests" / "tools")  # tools/test collects those alone from here
 COUNTER = itertools.count()
 PATIENCE_S = 30.0
 GONE_S = 5.0  # a process that a test has adopted may need so long to end
@@ -55,7 +54,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         waits = item.get_closest_marker("simulated") or item.get_closest_marker("patient")  # for whoever is late
         if item.get_closest_marker("slow") and not waits and item.path.is_relative_to(SYSTEMS):
             item.add_marker("alone")
-        if item.get_closest_marker("alone") and not any(item.path.is_relative_to(folder) for folder in ALONE_IN):
+        if item.get_closest_marker("alone") and not item.path.is_relative_to(SYSTEMS):  # tools/test collects them there
             raise pytest.UsageError(f"{item.nodeid} is marked alone, which tools/test does not expect in this folder")
     left_out = [mark for mark in ("soak", "peers") if mark not in config.option.markexpr]
     items_left = [item for item in items if any(item.get_closest_marker(mark) for mark in left_out)]

@@ -47,7 +47,7 @@ def test_a_wrong_value_is_told_with_file_line_key_value_and_what_is_allowed_each
             if "required" not in problem.text:
                 told_once(problem, source.at(_path(problem.key)))
                 told += 1
-    assert told > 17_000, "each key of each model refuses most of them"
+    assert told > 16_500, "each key of each model refuses most of them"
 
 
 def _path(text: str) -> tuple[str | int, ...]:

@@ -46,6 +46,8 @@ STANDING: dict[str, HeldTime] = {}
 SLOWER, AT_250_HZ = (tuple(word for section in ("io", "arm", "emulation")
                            for word in ("--set", f"{section}.period_s={period_s}")) for period_s in (0.002, 0.004))
 """Periods of systems in simulated time: a third of the turns, a sixth."""
+TELEOP_AT_500_HZ = ("--set", "processes.MTMR_PSM1.period_s=0.002")
+"""The same for the teleoperation of the demo, which else has 1000 turns a second."""
 COARSE = ("--set", "io.period_s=0.005", "--set", "arm.period_s=0.01")
 """Periods for arms without boards, where rates are not the subject."""
 COARSE_ON_BOARDS = (*COARSE, "--set", "emulation.period_s=0.002")

@@ -27,9 +27,12 @@ class RobotInHost(Robot):
         self._held, self._deaths, self._dead = contextlib.ExitStack(), Counter[str](), set[str]()
 
     def up(self, file: Path = DEMO, *options: str, wait: bool = True) -> None:
-        """See Robot; of the options of `trocar up` those that say what the system is."""
+        """See Robot; of the options of `trocar up` those that say what the system is.
+
+        Its clock is called paced: a program that pauses is then never early, and need not look again and again.
+        """
         given = list(_pairs((*SLOWER, *options)))
-        loaded = load_system(file, name=self.name, sets=["clock=lockstep", *(v for k, v in given if k == "--set")],
+        loaded = load_system(file, name=self.name, sets=["clock=paced", *(v for k, v in given if k == "--set")],
                              boards=next((v for k, v in given if k == "--boards"), None),
                              search=[Path(v) for k, v in given if k == "--path"])
         assert loaded.system is not None, loaded.errors

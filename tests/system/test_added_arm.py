@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from tests.system.recipes import Recipe, tree_with
-from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.robot import COARSE_ON_BOARDS, ROOT, Robot, wait_for
 from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
@@ -79,7 +79,7 @@ def test_an_arm_of_five_joints_is_added_in_one_file(robot: Robot, tree: Path, tm
     write(tmp_path, "scope.yaml", {"$id": "dvrk-system.schema.json", "$version": "1", "arms": arms,
                                    "IOs": [{"name": "IO1", "port": "udp"}], "trocar": {"boards": "emulated"}})
     robot.trocar("check", "arms/SCOPE.yaml")
-    robot.up(tmp_path / "scope.yaml")
+    robot.up(tmp_path / "scope.yaml", *COARSE_ON_BOARDS)
     robot.trocar("home")
     for name in ("SCOPE1", "SCOPE2"):
         robot.trocar("send", name, "move_jp", *map(str, GOAL), "--wait")

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.system.robot import DEMO, SLOWER, Robot, wait_for
+from tests.system.robot import AT_250_HZ, DEMO, Robot, wait_for
 from trocar.procs.arm.joints import joints
 from trocar.procs.config import load_system
 from trocar.shm.mailbox.client import Client
 from trocar.shm.system import directory
-from trocar.shm.time.held_time import HeldTime
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 
@@ -28,11 +27,11 @@ FILES = {"ECM": "demo-ecm.yaml", "MTML": "demo-mtm.yaml"}
 
 
 class WatchedArm:
-    """One arm of a running system, in lock-step so that nothing depends on this machine's speed."""
+    """One arm of a running system, whose time stands unless something is waited for: no state passes unseen."""
 
     def __init__(self, robot: Robot, name: str) -> None:
         file = DEMO.parent / FILES[name]
-        robot.up(file, *SLOWER, "--set", "clock=lockstep")
+        robot.up(file, *AT_250_HZ)
         self.robot, self.name = robot, name
         document = load_system(file).system
         assert document is not None
@@ -57,10 +56,10 @@ class WatchedArm:
         """In this control mode, in a record later than that."""
         return self.state.newest() and int(self.state.field("control_mode")) == mode and self.state.stamp_ns > since_ns
 
-    def bring(self, state: str, held: HeldTime) -> None:
+    def bring(self, state: str) -> None:
         """Into a state by the ordinary way, and some way into it; there time stands."""
         def reach(state: str) -> None:
-            go_on(held, lambda: self.sub_state() == state, f"{self.name} in {state}")
+            self.go_on(lambda: self.sub_state() == state, f"{self.name} in {state}")
 
         if self.sub_state() != "HOMED":
             self.ask("state_command", (), "enable")
@@ -71,11 +70,18 @@ class WatchedArm:
             reach("HOMED")
             self.ask("move_jp", AWAY[self.name]) if state == "moving" else self.ask("free")
             mode = 2 if state == "moving" else 3
-            go_on(held, lambda: self.is_driven(mode), state)
+            self.go_on(lambda: self.is_driven(mode), state)
             start = self.state.stamp_ns
-            go_on(held, lambda: self.is_driven(mode, start + 400_000_000), f"0.4 s of {state}")
+            self.go_on(lambda: self.is_driven(mode, start + 400_000_000), f"0.4 s of {state}")
         else:
             reach(state)
+
+    def go_on(self, condition: Callable[[], bool], what: str) -> None:
+        """Let time pass, a little at a time, until a condition is so."""
+        end = time.monotonic() + 120.0
+        while not condition():
+            assert time.monotonic() < end, what
+            self.robot.passes(0.01)
 
     def tips(self, since_ns: int) -> NDArray[np.float64]:
         """Where the tip truly was (k, 3) m, from the boards' own physics, and the joints at both ends."""
@@ -83,7 +89,7 @@ class WatchedArm:
         kinematics = self.space.kinematics
         assert kinematics is not None and len(rows)
         axes = self.space.axes
-        actual = rows["position"][::5, :axes] @ self.space.to_joint.T
+        actual = rows["position"][::3, :axes] @ self.space.to_joint.T
         return np.array([kinematics.fk(np.ascontiguousarray(q), np.eye(4))[:3, 3] for q in actual])
 
 
@@ -98,10 +104,9 @@ def test_a_killed_arm_process_moves_nothing_and_its_successor_goes_on(
 ) -> None:
     one = watched(arm)
     for state in STATES[arm]:
-        with HeldTime(robot.name) as held:
-            one.bring(state, held)
-            one.boards.newest()
-            before_ns, process, old = one.boards.stamp_ns, one.state.epoch, robot.kill(arm)
+        one.bring(state)
+        one.boards.newest()
+        before_ns, process, old = one.boards.stamp_ns, one.state.epoch, robot.kill(arm)
         succeeded(robot, one, old, process)
         check_path(one.tips(before_ns), state)
         sub_state = one.sub_state()
@@ -114,17 +119,9 @@ def test_a_killed_arm_process_moves_nothing_and_its_successor_goes_on(
     one.close()
 
 
-def go_on(held: HeldTime, condition: Callable[[], bool], what: str) -> None:
-    """Let time go on until a condition is so: no state passes unseen, however late we look."""
-    end = time.monotonic() + 120.0
-    while not condition():
-        assert time.monotonic() < end, what
-        held.run_until(held.now_ns() + 10_000_000, 60.0)
-
-
 def succeeded(robot: Robot, one: WatchedArm, old: int, process: int) -> None:
     """One that has been killed has a successor, which has run for 0.3 s."""
-    wait_for(lambda: robot.pid(one.name) != old and robot.state(one.name) == "RUNNING", 60, "the arm's restart")
+    robot.comes_back(one.name, old)
     wait_for(lambda: one.state.newest() and one.state.epoch > process, 60, "its record")
     start = one.state.stamp_ns
     wait_for(lambda: one.state.newest() and one.state.stamp_ns > start + 300_000_000, 120, "0.3 s of the successor")

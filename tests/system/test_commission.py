@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import json
 import shlex
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,23 +14,24 @@ import pytest
 import yaml
 
 from tests.system.robot import DEMO, Robot
+from tests.system.robot_in_host import HOSTED, RobotInHost
 from trocar.procs.document.system import from_json
 from trocar.shm.system import directory
 from trocar.tools.cli import VERBS, examples_of
 from trocar.tools.client.remote import Remote
-from trocar.tools.commission import home, move, scan, stop
+from trocar.tools.commission import depth, home, move, scan, stop
+from trocar.tools.commission import verb as commission
 from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Outcome
 from trocar.tools.commission.person import Act, Stop
 from trocar.tools.commission.person_sim import AtBoards
-from trocar.tools.commission.stages import NAMES
+from trocar.tools.commission.stages import NAMES, STAGES
 from trocar.tools.output.errors import Problem
+from trocar.tools.systems.supervising import StartRequest
 
 pytestmark = [pytest.mark.slow, pytest.mark.patient]
 WATCHDOG_S = 0.3  # the most that boards take: a busy machine holds io up for longer than the usual 0.03 s now and then
 PATIENCE = {"late_s": 5.0, "hung_s": 60.0}
-BUSY = "import time; end = time.monotonic() + 8.0\nwhile time.monotonic() < end: pass"
-"""Longer than the stage that measures real time."""
 
 
 @pytest.fixture
@@ -46,34 +47,47 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def busy() -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Two programs that take all the time they get while the robot is looked at and stopped."""
-    loops = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(2)]
-    try:
-        yield loops
-    finally:
-        for loop in loops:
-            loop.kill()
-            loop.wait()
+def hosted_where_possible(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command runs in this process. So does its system, but for the stages that need a bus or real time."""
+    started = commission.up_meanwhile
+
+    @contextlib.contextmanager
+    def up_meanwhile(request: StartRequest) -> Iterator[object]:
+        if "clock=wall" in request.sets:
+            with started(request) as background:
+                yield background
+            return
+        host = RobotInHost(robot.name, robot.logs, HOSTED)
+        try:
+            sets = (word for each in request.sets for word in ("--set", each))
+            host.up(request.file, "--boards", request.boards, *sets)
+            yield host
+        finally:
+            host.down()
+
+    on_the_bus, *others = STAGES
+    assert on_the_bus.name == "scan"
+    monkeypatch.setattr(commission, "STAGES", (dataclasses.replace(on_the_bus, real_time=True), *others))
+    monkeypatch.setattr(commission, "up_meanwhile", up_meanwhile)
+    monkeypatch.setattr("tests.system.robot.OWN_PROCESS", ())
+    monkeypatch.setattr(move, "RATIO", 0.5)  # faster than beside a person
+    monkeypatch.setattr(depth, "TIMES", 2)
 
 
-def test_a_good_robot_is_commissioned_beside_two_busy_programs(
-    robot: Robot, file: Path, tmp_path: Path, busy: list[subprocess.Popen[bytes]]
-) -> None:
+@pytest.mark.usefixtures("hosted_where_possible")
+def test_a_good_robot_is_commissioned_by_one_command(robot: Robot, file: Path, tmp_path: Path) -> None:
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar commission"))
     _, verb, given, *options = shlex.split(example)
     assert given == str(DEMO.relative_to(robot.root))
     book = tmp_path / "book.json"
     command = verb, str(file), *options, "--system", robot.name, "--report", str(book)
-    done = robot.types(*command, timeout=1200.0)
+    done = robot.types(*command)
     assert ".py:" not in done.stderr and "Clipped" not in done.stderr
     tries = json.loads(book.read_text())["tries"]
-    if done.returncode:  # real time is measured in one stage: the same command resumes there once the machine is free
+    if done.returncode:  # real time is measured in one stage: the same command resumes there
         failed = tries.pop()
         assert failed["stage"] == "stop" and "the load of other programs" in done.stderr, done.stderr
-        for loop in busy:
-            loop.kill()
-        robot.trocar(*command, timeout=1200.0)
+        robot.trocar(*command)
         tries += json.loads(book.read_text())["tries"][len(tries) + 1 :]
     assert [row["stage"] for row in tries] == list(NAMES)
     assert all(row["passed"] for row in tries)

@@ -17,9 +17,13 @@ from trocar.tools.commission.person_sim import AtBoards
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 RELEASE_A, HOLD_A = (0.18, 0.15, 0.6), (0.05, 0.06, 0.15)
+QUICK = {"STEPS": 30, "HELD_LOOKS": 4, "FREE_LOOKS": 4}
 
 
-def test_hidden_currents_of_brakes_are_found(robot: Robot, tmp_path: Path) -> None:
+def test_hidden_currents_of_brakes_are_found(
+        robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in QUICK.items():
+        monkeypatch.setattr(brakes, name, value)
     robot.up(PROJECT_CONFIGS / "systems" / "demo-ecm.yaml", "--boards", "emulated", *AT_250_HZ,
              "--set", f"emulation.robots.ECM.brake_release={list(RELEASE_A)}",
              "--set", f"emulation.robots.ECM.brake_hold={list(HOLD_A)}")

@@ -24,7 +24,7 @@ sys.stdin.read()
 """
 
 
-def test_wrenches_are_computed_while_somebody_wants_them(robot: Robot) -> None:
+def test_wrenches_are_computed_while_a_program_wants_them(robot: Robot) -> None:
     robot.up(ROOT / "configs/systems/kinematic.yaml")
     robot.trocar("home")
     ring = directory.reader(robot.name, "PSM1", "state", "arm")

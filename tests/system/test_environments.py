@@ -12,7 +12,7 @@ from tests.system.conftest import systems
 from tests.system.robot import COARSE, ROOT, Robot
 from trocar.shm.memory.segment import names_of
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
 NO_SYSTEM = {"TROCAR_SYSTEM": "", "NO_COLOR": "1", "FORCE_COLOR": "1"}
 

@@ -20,7 +20,7 @@ import pytest
 from tests.old import config, three
 from tests.recordings.made import a_recording
 from tests.retries import retry
-from tests.system.robot import COARSE_ON_BOARDS, ROOT, SLOWER, Robot, wait_for
+from tests.system.robot import COARSE_ON_BOARDS, ROOT, TELEOP_AT_500_HZ, Robot, wait_for
 from tests.system.robot import VERBS as VERBS_AT_HAND
 from tests.system.verb_template import FOLDER
 from trocar.tools.cli import VERBS, Verb, examples_of, loaded
@@ -38,7 +38,8 @@ VERB_ALONE = re.compile(r"trocar [^|;&<>$*]*$")
 ENDLESS = re.compile(r"trocar (echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
 # Those that start a system, or end one; and what needs a process of a user's own.
 ALONE = re.compile(r"trocar (demo|bench|commission|up|down|set|replay)\b")
-# Tests of their own have bench, commission and set: test_bench_system.py, test_commission.py, test_user_process.py.
+# Tests of their own: bench, commission, demo, set: test_bench_system.py, test_commission.py, test_robot.py,
+# test_user_process.py.
 EXAMPLES = [example for verb in VERBS for example in examples_of(verb)]
 
 
@@ -72,8 +73,8 @@ class Person:
         """
         if VERBS_AT_HAND and VERB_ALONE.match(line) and not ENDLESS.match(line):
             with tempfile.TemporaryFile() as said:
-                fewer = {"up": COARSE_ON_BOARDS, "demo": SLOWER}.get(line.split()[1], ())
-                words = [*shlex.split(line)[1:], *fewer]
+                fewer = COARSE_ON_BOARDS if line.split()[1] in ("up", "demo") else ()
+                words = [*shlex.split(line)[1:], *fewer, *(TELEOP_AT_500_HZ if "demo-teleop" in line else ())]
                 verb = VERBS_AT_HAND[0].begin(words, {**self.environment, FOLDER: str(self.folder)}, said.fileno())
                 code = verb.wait(timeout)
                 said.seek(0)
@@ -172,11 +173,6 @@ def test_examples_of_help_work_on_the_demo(person: Person) -> None:
     for line in ("trocar power-off", *down):
         assert line in EXAMPLES
         person.types(line)
-
-
-def test_the_example_of_the_demo_works(person: Person) -> None:
-    (line,) = (example for example in EXAMPLES if example.startswith("trocar demo"))
-    assert "stayed healthy" in person.types(line)
 
 
 def test_examples_of_replay_work_on_a_recording(person: Person) -> None:

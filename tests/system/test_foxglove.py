@@ -176,7 +176,7 @@ def test_meshes_of_a_checkout_of_the_model_are_drawn_in_frames_that_move_with_th
     client.close()
 
 
-def test_only_what_somebody_listens_to_is_asked_for(served: tuple[Robot, int]) -> None:
+def test_only_what_a_client_listens_to_is_requested(served: tuple[Robot, int]) -> None:
     robot, client = served[0], FoxgloveClient(served[1])
     page = ControlPage(robot.name, "PSM1")
     desired = Subscriptions(page)

@@ -17,7 +17,7 @@ KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
 NEXT_NS, LATER_NS = EPOCH_NS + 50_000_000, EPOCH_NS + 150_000_000
 
 
-def test_time_stands_at_its_beginning_until_somebody_holds_it_however_late(robots: Callable[[], Robot]) -> None:
+def test_time_stands_at_its_beginning_until_a_program_holds_it_however_late(robots: Callable[[], Robot]) -> None:
     robot = robots()
     request = StartRequest(KINEMATIC, robot.name, sets=("clock=lockstep",), held=True)
     with (robot.logs / "supervisor.txt").open("a") as out:

@@ -12,7 +12,7 @@ import yaml
 from tests.system.robot import DEMO, Robot, wait_for
 from trocar.shm.system import directory
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 FASTEST = np.array((1.6, 1.6, 0.21, 19.0, 19.0, 19.0, 19.0)) / 500  # of actuators, in a cycle
 
 

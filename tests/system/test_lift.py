@@ -10,14 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.robot import SLOWER, Robot, wait_for
+from tests.system.robot import Robot, wait_for
 from trocar.shm.mailbox.client import Client
 from trocar.shm.system import directory
-from trocar.shm.time.clock import pause
+from trocar.shm.time.clock import monotonic_ns, pause
 
 pytestmark = pytest.mark.slow
 STALL_S = 0.04  # more than the limit of 30 ms and a period, wherever in its period the process is struck
 PATIENT = ("--set", "supervisor_lost_s=60", "--set", "processes.SUJ.hung_s=60", "--set", "processes.IO1.hung_s=60")
+FASTER = ("--set", "io.period_s=0.001", "--set", "arm.period_s=0.001", "--set", "emulation.period_s=0.001")
 
 
 class Column:
@@ -43,12 +44,9 @@ class Column:
         assert self._cart.newest()
         return int(self._cart.field("rounds"))
 
-    def next_height(self) -> float:
-        """Of a round that begins from now on."""
-        begun = self.rounds()
-        wait_for(lambda: self.rounds() != begun and self.rounds() > 1, 30, "a round of the multiplexer")
-        begun = self.rounds()
-        wait_for(lambda: self.rounds() > begun, 30, "another one")
+    def height_after(self, rounds: int) -> float:
+        """Of a round that is over; of a process that has just begun, its first one began after that."""
+        wait_for(lambda: self.rounds() >= rounds, 30, f"round {rounds} of the multiplexer")
         return self.height()
 
     def close(self) -> None:
@@ -92,6 +90,8 @@ class Lifting:
             finally:
                 os.kill(pid, signal.SIGCONT)
         wait_for(lambda: self._cart.newest() and self._cart.epoch > epoch, 60, "setup joints that have started again")
+        begun_ns = monotonic_ns()
+        wait_for(lambda: self._cart.newest() and self._cart.stamp_ns > begun_ns, 60, "their record")
         assert (self.robot.pid("SUJ") == pid) == (strikes is signal.SIGSTOP)
 
     def state(self) -> bytes:
@@ -114,7 +114,7 @@ NOISE_V = 2e-3
 def lifting(robot: Robot, data: Callable[[str], Path]) -> Iterator[Lifting]:
     """The cart of a site, homed."""
     robot.up(data("dvrk-site/jhu-daVinci/system-SUJ.json"), "--path", str(data("dvrk-share")), "--boards", "emulated",
-             *PATIENT, *SLOWER)
+             *PATIENT, *FASTER)
     robot.home("SUJ")
     made = Lifting(robot)
     yield made
@@ -123,18 +123,18 @@ def lifting(robot: Robot, data: Callable[[str], Path]) -> Iterator[Lifting]:
 
 def test_a_column_that_lifts_when_its_process_is_struck_stops_until_an_operator_asks(lifting: Lifting) -> None:
     column = lifting.column
-    height = column.next_height()
+    height = column.height()
     for strikes in (signal.SIGSTOP, signal.SIGKILL):
         lifting.begins(1.0)
         pause(0.3)
         lifting.strike(strikes)
         wait_for(lambda: not column.is_enabled(), 2, "the amplifier of the lift disabled")
         wait_for(lambda: lifting.state() == b"ENABLED", 30, "enabled again")
-        stood = column.next_height()
+        stood = column.height_after(1)
         assert stood != pytest.approx(height, abs=NOISE_V)
-        assert column.next_height() == pytest.approx(stood, abs=NOISE_V) and not column.is_enabled()
+        assert column.height_after(2) == pytest.approx(stood, abs=NOISE_V) and not column.is_enabled()
         lifting.begins(-1.0)
         wait_for(lambda: not column.is_enabled(), 10, "its end after a second")
-        height = column.next_height()
+        height = column.height_after(column.rounds() + 2)
         assert height != pytest.approx(stood, abs=NOISE_V)
         assert lifting.refusals() == []

@@ -305,7 +305,7 @@ def test_a_held_name_says_who_has_it(system: SystemConfig) -> None:
     remove_all(system.name)
 
 
-def test_a_name_somebody_else_holds_confuses_no_tool(world: Any) -> None:
+def test_a_name_that_another_program_holds_confuses_no_tool(world: Any) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as squatter:
         squatter.bind(f"\0trocar~{world.name}")
         with pytest.raises(SegmentError, match="or another program holds its name"):

@@ -51,8 +51,8 @@ class Part:
         self.replies += self.client.poll()
         return [(reply.outcome, reply.text) for reply in self.replies if reply.id == number]
 
-    def hold_up(self) -> int:
-        """Stop it, and let it go on after a while; returns when it was stopped, monotonic ns."""
+    def stall(self) -> int:
+        """Stop it, and let it run again after a while; returns when it was stopped, monotonic ns."""
         pid = self.robot.pid(self.name)
         os.kill(pid, signal.SIGSTOP)
         try:
@@ -81,18 +81,18 @@ def went(ring: RingReader, field: str, since_ns: int, axes: int) -> float:
     return float(np.ptp(ring.since(since_ns)[field][:, :axes], axis=0).max())
 
 
-def held_up(answers: list[tuple[str, str]], name: str) -> bool:
+def has_stalled(answers: list[tuple[str, str]], name: str) -> bool:
     return bool(answers) and answers[-1][0] == "failed" and answers[-1][1].startswith(f"{name} stalled for ")
 
 
-def test_who_is_held_up_while_a_slave_follows_ends_that_until_presence_is_shown_again(robot: Robot) -> None:
+def test_a_process_that_stalls_while_a_slave_follows_ends_that_until_presence_is_shown_again(robot: Robot) -> None:
     robot.up(TELEOP, *SLOWER, *patient(NAME, "console", "system"))
     all_parts = parts(robot, MTMR_PSM1="teleop", MTMR="arm", PSM1="arm", console="console", system="system")
     teleop, master, slave, console, system = all_parts
     homing = system.client.send("home")
     wait_for(lambda: system.text("task") == "home", 10, "homing")
-    system.hold_up()
-    wait_for(lambda: held_up(system.answers(homing), "system"), 10, "an answer to who waits for it")
+    system.stall()
+    wait_for(lambda: has_stalled(system.answers(homing), "system"), 10, "an answer to who waits for it")
     robot.insist("send", "system", "home", "--wait")
 
     def following(wanted: bool) -> None:
@@ -111,7 +111,7 @@ def test_who_is_held_up_while_a_slave_follows_ends_that_until_presence_is_shown_
         goal[0] += 0.05 if held is teleop else -0.05
         number = master.client.send("move_cp", goal)
         wait_for(lambda: np.linalg.norm(slave.value("setpoint_cp")[:3] - begin[:3]) > 1e-3, 10, "the slave follows")  # noqa: B023
-        stopped_ns = held.hold_up()
+        stopped_ns = held.stall()
         wait_for(lambda: len(master.answers(number)) > 1, 20, "the hand was moved on, until alignment held it")  # noqa: B023
         assert went(slave.ring, "setpoint_cp", stopped_ns + NOTICED_NS, 3) < STILL_M, "the slave stays where it was"
         assert not teleop.value("following")
@@ -133,7 +133,7 @@ def demo_parts(robot: Robot) -> Iterator[list[Part]]:
         part.close()
 
 
-def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
+def test_a_robot_whose_arm_or_io_stalled_stands_still_until_an_operator_asks(
     robot: Robot, demo_parts: list[Part]
 ) -> None:
     arm, io = demo_parts
@@ -141,16 +141,16 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
     robot.insist("power-on")
     homing = arm.client.send("state_command", (), "home")
     wait_for(lambda: arm.text("sub_state") not in ("ENABLED", "HOMED"), 20, "homing has begun")
-    arm.hold_up()
-    wait_for(lambda: held_up(arm.answers(homing), "PSM1"), 10, "an answer to who waits for it")
+    arm.stall()
+    wait_for(lambda: has_stalled(arm.answers(homing), "PSM1"), 10, "an answer to who waits for it")
     wait_for(lambda: arm.text("sub_state") == "ENABLED", 10, "powered")
     assert not arm.value("is_homed")
 
     robot.insist("home")
     move = arm.client.send("move_jp", (0.6, 0.4, 0.16, 0.3, 0.2, -0.2))
     wait_for(lambda: bool(arm.value("setpoint_position")[0] > 0.1), 20, "some of the move")
-    stopped_ns = arm.hold_up()
-    wait_for(lambda: held_up(arm.answers(move), "PSM1"), 10, "an answer to who waits for it")
+    stopped_ns = arm.stall()
+    wait_for(lambda: has_stalled(arm.answers(move), "PSM1"), 10, "an answer to who waits for it")
     wait_for(lambda: not bool(arm.value("is_busy")), 10, "it has begun anew, with io's first record")
     assert bool(arm.value("is_homed")) and arm.value("position")[0] < 0.5
     wait_for(lambda: boards.newest() and boards.stamp_ns > stopped_ns + 1_500_000_000, 20, "a while")
@@ -158,13 +158,13 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
 
     arm.client.send("free")
     wait_for(lambda: arm.value("control_mode") == EFFORT, 10, "effort mode")
-    stopped_ns = arm.hold_up()
+    stopped_ns = arm.stall()
     wait_for(lambda: arm.value("control_mode") != EFFORT, 10, "it has begun anew, with io's first record")
     assert bool(arm.value("is_homed"))
     wait_for(lambda: boards.newest() and boards.stamp_ns > stopped_ns + 800_000_000, 20, "a while")
     assert went(boards, "position", stopped_ns + 2 * NOTICED_NS, 2) < STILL_RAD, "io has taken over, the arm holds"
 
-    stopped_ns = io.hold_up()
+    stopped_ns = io.stall()
     wait_for(lambda: arm.text("state") == "FAULT", 10, f"FAULT, not {arm.text('state')}")
     wait_for(lambda: boards.newest() and boards.stamp_ns > io.ring.stamp_ns + 500_000_000, 10, "half a second more")
     assert not boards.since(stopped_ns + NOTICED_NS)["amp_on"].any(), "no amplifier was on again"

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from tests.system.conftest import systems
-from tests.system.robot import ROOT, SLOWER, Robot, wait_for
+from tests.system.robot import COARSE_ON_BOARDS, ROOT, SLOWER, Robot, wait_for
 from trocar.procs.recordings import names
 from trocar.procs.recordings.reading import open_recording
 from trocar.shm.memory.parts import remove_all
@@ -164,7 +164,7 @@ def test_what_led_to_a_fault_is_kept_and_named(robot: Robot) -> None:
 
 
 def test_homings_that_fail_again_do_not_push_out_what_they_came_of(robot: Robot) -> None:
-    robot.up(ROOT / "configs" / "systems" / "demo.yaml", *SLOWER, *ON, "--clock", "paced")
+    robot.up(ROOT / "configs" / "systems" / "demo.yaml", *COARSE_ON_BOARDS, *ON, "--clock", "paced")
     robot.comes_back("recorder", 0)
     robot.trocar("set", "recorder.faults", "2")
     robot.trocar("power-on")

@@ -14,7 +14,7 @@ from tests.conftest import World
 from trocar.procs.machine.paths import ROOT, log_folder
 from trocar.shm.memory.segment import names_of
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.patient]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
 
 

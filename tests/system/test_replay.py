@@ -145,7 +145,7 @@ def test_nothing_is_left_of_a_system_that_was_shown_by_who_is_killed(robot: Robo
 
 def recorded_whole(robot: Robot) -> Path | None:
     """Homed and moved in lock-step, from the first instant on; None where the recorder was held up and lost some."""
-    robot.up(DEMO, "--set", "recorder.on=true", "--set", "io.period_s=0.001")  # arms' turns are every second one of io
+    robot.up(DEMO, "--set", "recorder.on=true", "--set", "arm.period_s=0.004")  # turns: every second one of io
     robot.trocar("record", "run", "--detach")
     robot.trocar("home", "PSM1")
     robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")

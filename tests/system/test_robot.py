@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.robot import Robot
+from tests.system.robot import SLOWER, TELEOP_AT_500_HZ, Robot
 from trocar.tools.cli import VERBS, examples_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
@@ -35,7 +35,8 @@ def test_a_real_site_file_starts_on_emulated_boards_and_homes(robot: Robot, data
 def test_the_demo_ends_by_itself_and_says_how_it_went(robot: Robot) -> None:
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar demo"))
     words = shlex.split(example.replace("--for 10", "--for 3"))[1:]
-    summary = json.loads(robot.insist(*words, "--json", "--system", robot.name, timeout=300))
+    words += ["--json", "--system", robot.name, *SLOWER, *TELEOP_AT_500_HZ]
+    summary = json.loads(robot.insist(*words, timeout=300))
     assert summary["homed_after_s"] > 0.0 and summary["supervisor_exit"] == 0
     assert summary["clock"] == "paced" and summary["following"] and 0.0 < summary["speed"] < 1.1
     assert 2.0 < summary["followed_s"] < 4.0 and summary["error_mm_rms"] < 2.0 and summary["latency_ms_p50"] > 0.0

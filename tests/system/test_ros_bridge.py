@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import json
 import socket
@@ -48,7 +49,6 @@ from trocar.shm.mailbox.origins import ACTING
 from trocar.shm.time.clock import pause, sleeping_by
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
-DOMAINS: dict[int, socket.socket] = {}
 FILE = ROOT / "configs/systems/kinematic-teleop.yaml"
 Q = Quaternion(0.0, 0.0, 0.0, 1.0)
 
@@ -137,7 +137,7 @@ def own_domain() -> int:
         except OSError:
             holder.close()
         else:
-            DOMAINS[domain] = holder
+            atexit.register(holder.close)
             return domain
     pytest.fail("every domain is taken")
 

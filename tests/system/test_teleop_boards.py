@@ -76,7 +76,7 @@ class Surgeon:
 @pytest.fixture
 def operator(robot: Robot, data: Callable[[str], Path]) -> Iterator[Surgeon]:
     robot.up(data("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json"), "--boards", "emulated", "--path",
-             str(data("dvrk-share")))
+             str(data("dvrk-share")), "--set", f"processes.{NAME}.period_s=0.002")
     with Remote(robot.name, "boards") as boards, Remote(robot.name, "PSM1") as slave:
         boards.ask("insert_instrument", text="PSM1 LARGE_NEEDLE_DRIVER:400006")
         wait_for(lambda: slave.answered("set_tool_type", (), "LARGE_NEEDLE_DRIVER:400006").outcome == "done", 60,

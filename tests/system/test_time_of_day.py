@@ -36,6 +36,7 @@ def clocks(tmp_path: Path) -> ShiftedClocks:
     return ShiftedClocks(tmp_path)
 
 
+@pytest.mark.patient
 def test_a_wait_for_messages_ends_in_time_when_the_time_of_day_is_set_back(clocks: ShiftedClocks) -> None:
     with subprocess.Popen([sys.executable, "-P", "-c", WAITS, str(1 + os.getpid() % 230)], stdout=subprocess.PIPE,
                           text=True, env={**os.environ, **clocks.environment}) as waiting:

@@ -47,6 +47,7 @@ WATCHDOG_S = 0.2
 AWAY, BACK = (0.6, 0.4, 0.16, 0.3, 0.2, -0.2), (0.1, -0.1, 0.12, 0.0, 0.0, 0.0)
 DAY_S = 86_400
 A_WHILE_S = 0.5
+JUDGED_S = 11.0  # io looks at its period 10 s after its start
 
 
 class RealTimeRobot:
@@ -185,6 +186,23 @@ def test_an_arms_process_that_is_killed_lets_io_hold_and_goes_on_without_homing(
     assert rows["pid_enabled"].all() and rows["holding"].any() and amps.any(axis=1).all(), "it kept its power"
     resting = rows["setpoint_position"][len(rows) // 2 :]
     assert np.ptp(resting, axis=0).max() < 1e-6, "the move is not taken up again"
+
+
+def test_missing_replies_are_not_called_a_slow_computer(whole: RealTimeRobot) -> None:
+    robot, io = whole.robot, whole.io
+    with closing(directory.reader(robot.name, "IO1", "events")) as events:
+        for _ in range(5):  # an io that truly has no core says so, rightly; one that stalled judges nothing
+            whole.powered()
+            wait_for(lambda: io.newest() and io.field("cycle") > JUDGED_S / SLOW["io.period_s"], 60, "a judged period")
+            bad, begun_ns, stalls = int(io.field("bad_reads")), monotonic_ns(), whole.stalls()
+            robot.trocar("send", "boards", "reply_rate", "lost", "0.4", "IO1")
+            wait_for(lambda: io.newest() and io.field("bad_reads") > bad + 500, 60, "replies are missing")  # noqa: B023
+            pause(1.0)
+            robot.trocar("send", "boards", "clear_packet_faults")
+            blamed = {b"period", b"period-long"} & {bytes(row["code"]) for row in events.since(begun_ns)}
+            if not blamed and whole.stalls() == stalls:
+                break
+    assert not blamed
 
 
 def test_a_robot_with_power_whose_computer_was_suspended_is_off_until_an_operator_asks(real: RealTimeRobot) -> None:

@@ -12,7 +12,7 @@ from trocar.procs.config import PROJECT_CONFIGS
 from trocar.shm.memory.segment import names_of
 from trocar.tools.bench import beside, bridges, gui, recorder
 
-pytestmark = [pytest.mark.slow, pytest.mark.alone]
+pytestmark = pytest.mark.slow
 SLOWER = "trocar: {io: {period_s: 0.002}, arm: {period_s: 0.002}}\n"
 
 

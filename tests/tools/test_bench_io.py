@@ -53,7 +53,6 @@ def test_without_a_compiler_there_is_no_baseline_and_the_bench_says_why(
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_short_measurement_counts_the_packets_of_a_cycle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     found = measured(monkeypatch, tmp_path, lambda: bench_io._measure(bench_io.write_system(tmp_path, 1), 1.0),
                      lambda found: found["packets_per_cycle"] < 4.5 and found["cycles"] > 100)

@@ -110,7 +110,6 @@ def left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Left:
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_short_bench_gives_every_figure(left: Left, monkeypatch: pytest.MonkeyPatch) -> None:
     for readers in ("POLLERS", "LOOKERS"):
         monkeypatch.setattr(bench_ring, readers, 1)
@@ -128,7 +127,6 @@ def test_a_short_bench_gives_every_figure(left: Left, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_peer_that_fails_is_left_out_with_its_reason(monkeypatch: pytest.MonkeyPatch, left: Left) -> None:
     broken = {"c": "import sys; sys.exit('will not start')", "pipe": READY + "input(); raise SystemExit('has no turn')"}
     peer = bench_ring._peer
@@ -150,7 +148,6 @@ def test_a_peer_that_fails_is_left_out_with_its_reason(monkeypatch: pytest.Monke
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_part_of_ours_that_fails_ends_the_bench(monkeypatch: pytest.MonkeyPatch, left: Left) -> None:
     broken = {"trip": {"pong": [sys.executable, "-c", "raise SystemExit('no pong')"]}}
     monkeypatch.setattr(bench_ring, "_own", lambda system, cores: broken)

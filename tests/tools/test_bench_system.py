@@ -79,7 +79,6 @@ def test_missing_file_is_a_problem_that_names_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_the_example_of_help_measures_every_process_and_what_follows(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar bench"))

@@ -304,7 +304,7 @@ def test_watching_writes_nothing(desk_bus: Recorded) -> None:
     assert desk_bus.samples and not desk_bus.writes
 
 
-def test_watching_stops_when_somebody_else_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_watching_stops_when_another_program_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     words = [0] * samples.layout(QLA).read_quads  # time since the sample before: one tick
     monkeypatch.setattr(samples, "take", lambda desk, board: samples.sample_of(board, words, 0))
     watching = bus.Watching(None, QLA)  # type: ignore[arg-type]  # nothing is asked

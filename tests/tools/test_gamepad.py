@@ -136,7 +136,7 @@ def test_the_trigger_is_the_gripper() -> None:
     assert hand.gripper == 0.0, "a button in its place"
 
 
-def test_what_was_held_up_does_not_become_a_jump() -> None:
+def test_what_stalled_does_not_become_a_jump() -> None:
     pad = FakePad()
     pad.pressed = [BTN_TL]
     pad.info[ABS_X].value = 32767

@@ -301,7 +301,7 @@ def test_a_header_may_say_anything_of_its_instance(kinematic: ScriptedRobot, inf
     assert run(kinematic, "attach", "--once").exit_code == 0
 
 
-def test_status_says_how_often_a_process_was_held_up(kinematic: ScriptedRobot) -> None:
+def test_status_says_how_often_a_process_stalled(kinematic: ScriptedRobot) -> None:
     kinematic.pages["PSM1"].field("pauses")[...] = 3
     process = next(process for process in statuses(kinematic.name) if process.name == "PSM1")
     assert process.pauses == 3 and "stalled 3 times" in remarks(process)

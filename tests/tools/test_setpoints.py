@@ -79,7 +79,7 @@ def test_late_periods_are_skipped_and_counted() -> None:
     assert numbers == sorted(set(numbers))
 
 
-def test_a_stream_that_was_held_up_does_not_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stream_that_stalled_does_not_continue(monkeypatch: pytest.MonkeyPatch) -> None:
     now_ns = 0
 
     def wait(seconds: float) -> None:

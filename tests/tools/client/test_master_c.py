@@ -17,7 +17,7 @@ from tests.tools.client.test_provider import made as made  # a fixture
 from tests.tools.peeking import STRICT
 from trocar.shm.time.clock import monotonic_ns
 
-pytestmark = [pytest.mark.slow, pytest.mark.alone]
+pytestmark = pytest.mark.slow
 SOURCE = Path(__file__).resolve().parents[3] / "tools" / "master.c"
 
 

@@ -333,7 +333,7 @@ def test_a_stream_of_commands_is_taken_whole(place: Place) -> None:
     assert got == list(range(30))
 
 
-def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], clock: ProviderClock) -> None:
+def test_a_program_that_stalled_restarts(made: Callable[..., Place], clock: ProviderClock) -> None:
     place = made()
     with trocar.provide("MTMR", place.name) as master:
         clock.now_ns += 3_000_000_000  # before the first record nothing is late
@@ -355,7 +355,7 @@ def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], cloc
         assert place.value("measured_cp")[0] == 0.1
 
 
-def test_a_program_that_was_held_up_before_its_first_record_is_still_the_same(
+def test_a_program_that_stalled_before_its_first_record_is_still_the_same(
         made: Callable[..., Place], clock: ProviderClock) -> None:
     place = made()
     with trocar.provide("MTMR", place.name, program="mine") as master:

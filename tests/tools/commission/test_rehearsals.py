@@ -71,7 +71,7 @@ def test_what_is_read_stops_at_sensors_that_are_wrong(breaks: Break, where: str,
 
 @pytest.mark.parametrize(("looks", "finds"), [(2, ""), (99, "50.0 % of its samples are good; allowed: 99 % at least")])
 @pytest.mark.slow
-def test_a_rehearsal_forgives_a_machine_that_was_held_up_but_not_silent_boards(looks: int, finds: str) -> None:
+def test_a_rehearsal_forgives_a_machine_that_stalled_but_not_silent_boards(looks: int, finds: str) -> None:
     bench = RigBench("demo.yaml")
     sample, taken = bench.sample, []
 

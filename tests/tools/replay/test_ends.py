@@ -219,7 +219,7 @@ def test_a_refused_command_ends_it(arm: PlayedArm) -> None:
     assert arm.asked == ["move_jp", "jaw/move_jp", "move_jp", "hold"]
 
 
-def test_an_arm_that_somebody_else_has_moved_is_not_begun_with(arm: PlayedArm) -> None:
+def test_an_arm_that_another_program_has_moved_is_not_begun_with(arm: PlayedArm) -> None:
     with Watch(arm.robot.name, "PSM1") as watch, Remote(arm.robot.name, "PSM1") as remote:
         watch.look()
         follower = Follower(watch, remote, True, SystemTime(""))
