@@ -106,7 +106,7 @@ IO_STATE = Topic("state", writer="io", rate_hz=1500, fields=(
 ))
 
 # Changed by commands only: written at start and after every change, so the newest record is the current state.
-IO_GAINS = Topic("gains", writer="io", depth=64, fields=(
+IO_GAINS = Topic("gains", writer="io", depth=32, fields=(
     Field("changes", "<u4", "", "changes by command since io started; 0: all gains are those of the PID files"),
     # axes as in the state record; all 0 for a robot without a joint controller
     Field("p_gain", "(axes,)<f8", "N·m/rad|N/m", "proportional gain"),
