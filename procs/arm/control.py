@@ -23,7 +23,7 @@ from trocar.procs.arm.readings import ArmReadings
 from trocar.procs.arm.record import ArmRecord, SetpointRecord
 from trocar.procs.arm.reports import REPORT_NS, ArmReports
 from trocar.procs.arm.setup_base import BaseSteps
-from trocar.procs.arm.states import AT_HOME
+from trocar.procs.arm.states import WALLED
 from trocar.procs.arm.supervision import Generations
 from trocar.procs.arm.walls import Walls
 from trocar.procs.document.system import ArmConfig
@@ -55,7 +55,7 @@ class Control(ArmReports):
         self.motion = Motion(self.joints, arm.jerk_time_s)
         self._effort_limits = EffortLimits(around.motors, self.joints)
         self.efforts = Efforts(self.cartesian, self._effort_limits, self.joints.size, arm.effort_timeout_s)
-        self.walls = Walls(arm, around.walls, self, lambda: machine.state in AT_HOME)
+        self.walls = Walls(arm, around.walls, self, lambda: machine.state in WALLED)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
         self.streams, self._base_steps = Streams(simulated=around.simulated), BaseSteps()
         self.gravity = Weight(arm)

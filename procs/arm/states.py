@@ -121,6 +121,7 @@ PUBLISHED: dict[ArmState, str] = {
 BUSY = frozenset((ArmState.POWERING, *UP)) - {ArmState.ENABLED, ArmState.BIASED, ArmState.HOMED}
 
 # States in which homing is valid: no event in them ends it.
+WALLED = frozenset((ArmState.HOMED, ArmState.MANUAL, ArmState.OWN))  # elsewhere motions are the arm's own
 AT_HOME = frozenset((ArmState.HOMED, ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.MANUAL, ArmState.OWN))
 
 ACCEPTED: dict[str, tuple[ArmEvent, ...]] = {

@@ -58,7 +58,7 @@ class Walls:
             self._kept += [kept for kept in _added_before(field, arm) if kept.wall.name not in names]
         self._limits: ArmWalls | None = None
         self._to_base: Array | None = np.eye(4)
-        self._count = 0
+        self._count = self._placed = 0
         self._wanted: Array | None = None
         """The joints (count,) of the last goal of a stream from which a wall keeps the arm."""
         self.stopped_by = ""
@@ -78,6 +78,10 @@ class Walls:
 
     def place(self, cartesian: Cartesian, governor: Governor) -> None:
         """Put all walls where they are now: they have changed, or the base frame has."""
+        governor.clip = self.clip if self._kept else None
+        if not self._kept and not self._placed:
+            return
+        self._placed = len(self._kept)
         self._to_base = cartesian.to_base.copy() if cartesian.base_known else None
         limits = self._limits
         for place in range(MOST):
@@ -89,7 +93,6 @@ class Walls:
             if limits is not None and to_base is not None:
                 limits.put(place, kept.wall, to_base @ kept.pose)
         self.is_news = True
-        governor.clip = self.clip if self._kept else None
         if lost := [kept.wall.name for kept in self._kept if kept.wall.frame == REFERENCE and self._to_base is None]:
             self._reports.report(codes.WALL_OFF, f"{', '.join(lost)}: {cartesian.frame} is not known", REPORT_NS)
 
@@ -160,6 +163,7 @@ class Walls:
         limits.before[...], limits.goal[...] = here[:n], goal[:n]
         pair = limits.way()
         if not pair:
+            self._wanted, self.stopped_by = None, ""
             return ""
         limits.look()
         beyond = limits.value.ravel().item(pair - 1)

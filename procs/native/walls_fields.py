@@ -10,7 +10,7 @@ from trocar.procs.native.fields import CStruct, places, rows
 WALLS: Final = CStruct("Walls", (
     *links("kinematics.links"),
     *rows("f8", "3 4", end="kinematics.end"),
-    *rows("i8", "", m="m", w="w", p="p", s="s", halvings="HALVINGS", samples="SAMPLES", sweeps="SWEEPS", steps="STEPS"),
+    *rows("i8", "", m="m", w="w", p="p", s="s", halvings="HALVINGS", samples="samples", sweeps="SWEEPS", steps="STEPS"),
     *rows("f8", "", grain="GRAIN", near="NEAR", safe="SAFE", tiny="TINY", small="SMALL", flat="FLAT", turn="TURN",
           thickest="thickest", zone="ZONE", spring="SPRING", damper="DAMPER", largest="LARGEST"),
     *rows("i8", "p", of="body.of"),

@@ -27,7 +27,7 @@ from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised
 from trocar.procs.kinematics.walls import shapes
 from trocar.procs.kinematics.walls.body import PART_BITS, ArmBody
 from trocar.procs.kinematics.walls.shapes import Nearest
-from trocar.procs.native.library import chosen
+from trocar.procs.native.library import chosen, native
 from trocar.procs.native.walls_fields import WALLS
 from trocar.procs.tables.arm_types import ARM_TYPES
 
@@ -44,9 +44,9 @@ class ArmWalls:
     s): see above; inf where a wall does not concern a segment.
     """
 
-    HALVINGS, SAMPLES, SWEEPS, STEPS = shapes.HALVINGS, 400, 40, 6
+    HALVINGS, SWEEPS, STEPS = shapes.HALVINGS, 40, 6
     GRAIN = 5e-4
-    """m: a way is checked at least so finely, unless `SAMPLES` are not enough."""
+    """m: a way is checked at least so finely, unless `samples` are not enough."""
     NEAR = 0.1
     """m: walls farther away do not slow down."""
     SAFE = 1e-7
@@ -60,6 +60,7 @@ class ArmWalls:
         """`lower`, `upper` (n,): limits of the joints; `free` (n, m): joints from independent coordinates."""
         n = kinematics.n
         self.kinematics, self.body = kinematics, body
+        self.samples = 400 if native().library is not None else 40  # numpy takes a millisecond for each
         self.thickest = float(body.radius.max())
         self.free = np.eye(n) if free is None else np.ascontiguousarray(free)
         self.gather = np.ascontiguousarray(np.linalg.pinv(self.free))
@@ -166,7 +167,7 @@ class ArmWalls:
         """The first pair that comes nearer than `least` on the straight way from `before`, plus 1; 0: none."""
         change = to - self.before
         way, at = float(np.abs(change) @ self.body.reach), 0.0
-        grain = max(self.GRAIN, way / self.SAMPLES)
+        grain = max(self.GRAIN, way / self.samples)
         while True:
             spare = _View(self, self.before + at * change if at < 1.0 else to).values - least
             found = np.flatnonzero(~(spare >= -self.TINY))
