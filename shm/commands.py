@@ -283,7 +283,8 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    ros=Ros("numbers")),
         CommandRow("string_to_speech", SETTING, "speak a text", text="text", ros=TEXT),
         CommandRow("show_pose", SETTING, "show these joint positions of an arm in 3D until the sending program ends; "
-                   "no arm: hide them", (Argument("position", "rad|m", SOME),), "arm, SUJ/setup arm or nothing"),
+                   "no arm: hide them", (Argument("position", "rad|m", SOME, low=-10.0, high=10.0),),
+                   "arm, SUJ/setup arm or nothing"),
     ),
     "recorder": (
         CommandRow("choose", SETTING, "add this to the next recording of the same client", text="topic, or instance"),

@@ -91,7 +91,7 @@ SYSTEM_STATE = Topic("state", writer="system", rate_hz=100, fields=(
     Field("beeps", "<u4", "", "beeps since start, heard or not"),
     Field("errors", "<u4", "", "errors of all processes since start"),
     Field("warnings", "<u4", "", "warnings of all processes since start"),
-    Field("shown_arm", "S80", "", "arm, or SUJ/setup arm, of which a program shows a pose in 3D; empty: none"),
+    Field("shown_arm", "S88", "", "arm, or SUJ/setup arm, of which a program shows a pose in 3D; empty: none"),
     Field("shown_position", "(8,)<f8", "rad|m", "joint positions of that pose; NaN: none"),
 ))
 

@@ -7,6 +7,8 @@ import inspect
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+import pytest
+
 
 def cases(names: str | Sequence[str], rows: Iterable[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """As `pytest.mark.parametrize`, for tests whose fixtures no case changes: all rows in one test.
@@ -19,16 +21,21 @@ def cases(names: str | Sequence[str], rows: Iterable[Any]) -> Callable[[Callable
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(test)
         def all_cases(**fixtures: Any) -> None:
-            failed = []
+            failed = list[BaseException]()
             for row in table:
                 case = dict(zip(keys, row if len(keys) > 1 else (row,), strict=True))
                 try:
                     test(**case, **fixtures)
-                except Exception as error:  # whatever it is, the other cases count too
-                    error.add_note(f"in the case {case!r:.300}")
+                except pytest.skip.Exception as error:
+                    failed.append(AssertionError(f"a case cannot skip: {error}"))
+                except (Exception, pytest.fail.Exception) as error:  # whatever it is, the other cases count too
                     failed.append(error)
+                else:
+                    continue
+                failed[-1].add_note(f"in the case {case!r:.300}")
             if failed:
-                raise failed[0] if len(failed) == 1 else ExceptionGroup(f"{len(failed)} of {len(table)} cases", failed)
+                several = BaseExceptionGroup(f"{len(failed)} of {len(table)} cases", failed)
+                raise failed[0] if len(failed) == 1 else several
 
         own = inspect.signature(test)
         rest = [parameter for name, parameter in own.parameters.items() if name not in keys]

@@ -37,6 +37,24 @@ def test_all_that_fail_are_named() -> None:
         ["in the case {'a': 2, 'b': 3}"], ["in the case {'a': 5, 'b': 6}"]]
 
 
+def test_what_pytest_itself_raises_hides_no_other_case() -> None:
+    seen = []
+
+    @cases("a", range(4))
+    def odd(a: int) -> None:
+        seen.append(a)
+        if a == 0:
+            pytest.fail("told to")
+        if a == 1:
+            pytest.skip("told to")
+        with pytest.raises(ZeroDivisionError):
+            1 / (a - 2)
+
+    with pytest.raises(BaseExceptionGroup, match="3 of 4 cases"):
+        odd()
+    assert seen == [0, 1, 2, 3]
+
+
 def test_one_that_fails_is_its_own_error() -> None:
     with pytest.raises(ZeroDivisionError):
         cases("a", [1, 0])(lambda a: 1 / a)()

@@ -83,7 +83,7 @@ class CommissionReport:
     @property
     def made(self) -> list[Path]:
         """The files that all runs have written."""
-        return [self.path.parent / file for row in self.tries for file in row.made]
+        return [self.path.parent / file for row in self.tries for file in row.made if isinstance(file, str)]
 
     def require_writable(self) -> None:
         """Problem if the report could not be saved; changes nothing."""

@@ -132,8 +132,9 @@ def report(system: str, file: Path, most: int, say: Say, also: Sequence[Path] = 
 
 def _distinct(files: Sequence[Path]) -> Iterator[tuple[Path, str]]:
     """Files with names of their own: with as many of their folders as those of the same name need."""
-    ends = [path.absolute().parts for path in files]
-    for path, parts in zip(files, ends, strict=True):
+    each = list({path.resolve(): path for path in files}.values())
+    ends = [path.resolve().parts for path in each]
+    for path, parts in zip(each, ends, strict=True):
         yield path, next("/".join(parts[-count:]).strip("/") for count in range(1, len(parts) + 1)
                          if [end[-count:] for end in ends].count(parts[-count:]) == 1)
 
