@@ -55,7 +55,8 @@ class Control(ArmReports):
         self.motion = Motion(self.joints, arm.jerk_time_s)
         self._effort_limits = EffortLimits(around.motors, self.joints)
         self.efforts = Efforts(self.cartesian, self._effort_limits, self.joints.size, arm.effort_timeout_s)
-        self.walls = Walls(arm, around.walls, self, lambda: machine.state in WALLED)
+        self.walls = Walls(arm, around.walls, self, lambda: machine.state in WALLED,
+                           simulated=around.simulated)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
         self.streams, self._base_steps = Streams(simulated=around.simulated), BaseSteps()
         self.gravity = Weight(arm)
@@ -147,37 +148,36 @@ class Control(ArmReports):
             self.report(codes.CLIPPED, f"clipped to the joint limits: {names}")
         return f"clipped: {names}"
 
-    def _take_goal(self, name: str) -> NDArray[np.bool_]:
+    def _take_goal(self, name: str, *, of_arm: bool) -> NDArray[np.bool_]:
         """Clip `goal`, from a stream of commands `name`, to the limits; returns the joints that were outside.
 
-        CommandRefused if it is too far away; a running stream ends there.
-
+        CommandRefused if it is too far away; a running stream ends there. `of_arm`: not of its jaw.
         The first goal of a stream is checked before clipping, because a wrong number may also be close to a limit. A
         running stream may pass a limit, and its goals are checked after clipping.
         """
         governor, joints = self.motion.governor, self.joints
         if governor.most.item() > LATE_S and self._is_streaming:
             self._report_slow()
-        lag_s, axis = self._lag()
+        lag_s, axis = self._lag(of_arm)
         must_clip, outside = not governor.is_inside or joints.paired is not None, joints.none
         if lag_s <= MAX_LAG_S and not must_clip:
             return outside
         is_running = self._is_streaming
         if must_clip and is_running:
             outside = self._clip()
-            lag_s, axis = self._lag()
+            lag_s, axis = self._lag(of_arm)
         if lag_s > MAX_LAG_S:
-            far, unit, allowed = abs(self.goal[axis] - self.here[axis]), joints.unit(axis), governor.speed[axis]
-            raise self.jump(name, f"{joints.name(axis)} is {far:.3g} {unit} from the setpoint; "
+            allowed, unit = governor.speed[axis], joints.unit(axis)
+            raise self.jump(name, f"{joints.name(axis)} is {lag_s * allowed:.3g} {unit} from the setpoint; "
                                   f"{allowed * MAX_LAG_S:.3g} {unit} is allowed", "move there first (move_jp, move_cp)")
         return self._clip() if must_clip and not is_running else outside
 
-    def _lag(self) -> tuple[float, int]:
-        """Distance to `goal` in s at the largest speed, and its joint; from the last goal, while a wall keeps from it.
-        """
-        governor = self.motion.governor
-        usual = governor.lag()
-        ways = self.walls.ways_from_last(self.here, self.goal) if self._is_streaming else None
+    def _lag(self, of_arm: bool) -> tuple[float, int]:
+        """Distance to `goal` in s at the largest speed, and its joint; at a wall, from the last goal."""
+        usual = self.motion.governor.lag()
+        if not self._is_streaming:
+            self.walls.forget()
+        ways = self.walls.ways_from_last(self.here, self.goal) if of_arm else None
         return usual if ways is None else (float(ways.max()), int(ways.argmax()))
 
     @property
@@ -226,9 +226,9 @@ class Control(ArmReports):
 
     def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
         """Follow `goal`, from a stream of commands `name`, with a velocity feed for the arm's joints (count,)."""
-        outside = self._take_goal(name)
+        outside = self._take_goal(name, of_arm=True)
         text = self._say_clipped(outside)
-        wall = self.walls.allow(self.here, self.goal)
+        wall = self.walls.allow(self.here, self.goal, self.now_ns)
         if velocity is not None:
             velocity = self._feed(velocity)
             if text:
@@ -237,7 +237,7 @@ class Control(ArmReports):
                 velocity[...] = 0.0
         if wall:
             self.report_episode(codes.AT_WALL, f"at wall {wall}")
-            text = f"at wall {wall}"
+            text = "; ".join(filter(None, (text, f"at wall {wall}")))
         self.motion.space = space
         self._end_efforts()
         self.motion.servo(self.goal, velocity, self.now_ns, jaw_moves=self._leave_jaw())
@@ -255,6 +255,7 @@ class Control(ArmReports):
         """Move at a velocity of the arm's joints (count,)."""
         self._feed(velocity)
         self._end_efforts()
+        self.walls.forget()
         self.motion.space = Space.JOINT
         self.motion.drift(self._velocity, self.now_ns, jaw_moves=self._leave_jaw())
         return ""
@@ -274,7 +275,7 @@ class Control(ArmReports):
 
     def adjust(self, name: str) -> str:
         """Follow `goal`, from a stream of commands `name` that changed only the jaw; a move of the arm continues."""
-        outside = self._take_goal(name)
+        outside = self._take_goal(name, of_arm=False)
         text = self._say_clipped(outside)
         self._end_efforts()
         moves = MOVE in self._moves
@@ -394,5 +395,6 @@ class Control(ArmReports):
 
     def stop(self, position: Array, mode: Mode, reason: str) -> None:
         """End all motion and stay at `position` (size,) from now on."""
+        self.walls.forget()
         self.motion.hold(position, mode)
         self.move_ended(False, reason)

@@ -50,8 +50,9 @@ class Governor:
     It works on arrays (size,) of a motion, which stay the same objects. `lower`, `upper` (size,): limits of the joints;
     `is_inside`: the last goal in `asked` is within them.
 
-    `clip` is for walls: from the last setpoint, the one of this cycle, which it may change in place, and the time
-    between them in s, it returns whether it changed it; of the newest cycle, `clipped`.
+    `clip` is for walls: from the last setpoint, the one of this cycle, which it may change in place, the least and
+    largest change of each joint (2, size) in it, and its time in s, it returns whether it changed it; of the newest
+    cycle, `clipped`.
     """
 
     def __init__(self, of: Motion, speed: Array, acceleration: Array, lower: Array, upper: Array) -> None:
@@ -61,7 +62,7 @@ class Governor:
         self.lower, self.upper, self.is_inside = lower, upper, True
         self.size = len(speed)
         self.rate, self.behind, self.most = np.zeros(self.size), np.zeros(self.size), np.zeros(1)
-        self.clip: Callable[[Array, Array, float], bool] | None = None
+        self.clip: Callable[[Array, Array, Array, float], bool] | None = None
         self.clipped = False
         self._advance, self._measure = chosen(GOVERNOR, self)
 
@@ -89,11 +90,17 @@ class Governor:
         dt = passed_ns * 1e-9
         if self.clip is None:
             return self._advance(dt, has_feed) != 0
-        before = self.goal.copy()
+        before, gain = self.goal.copy(), self.acceleration * dt
+        low = np.maximum(np.minimum(self.rate, 0.0) - gain, -self.speed)
+        high = np.minimum(np.maximum(self.rate, 0.0) + gain, self.speed)
         moves = bool(self._advance(dt, has_feed))
-        self.clipped = self.clip(before, self.goal, dt)
+        advanced = self.goal.copy()
+        self.clipped = self.clip(before, self.goal, np.stack((low, high)) * dt, dt)
         if self.clipped:
-            np.divide(self.goal - before, dt, out=self.rate)
+            changed, rate = self.goal != advanced, (self.goal - before) / dt
+            np.copyto(self.rate, rate, where=changed)
+            if has_feed:
+                np.copyto(self.velocity, rate, where=changed)
         return moves or self.clipped
 
     def lag(self) -> tuple[float, int]:

@@ -10,6 +10,7 @@ has a trajectory of its own, whose points are targets of the jaw.
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from trocar.procs.kinematics.trajectory import Trajectory
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.streams import STREAM_NS
 
+NO_STEP: Final = np.zeros((2, 0))
 WOKEN_STEP_NS = 2_000_000  # when a motion begins: the process of an arm at rest has slept since its last step
 
 
@@ -81,7 +83,8 @@ class Motion:
         self._v_max, self._a_max = joints.v_max, joints.a_max
         self.rows = np.zeros((2, n))
         self.goal, self.velocity = self.rows
-        self.effort, self.target, self.asked, self.feed_velocity = np.zeros((4, n))
+        self.effort, self.target, self.asked, self.feed_velocity, self._last = np.zeros((5, n))
+        self._arm = slice(0, n - joints.has_jaw)
         self.governor = Governor(self, joints.servo_speed, joints.servo_acceleration, joints.lower, joints.upper)
         self._has_jaw, self._jaw_governor = joints.has_jaw, self.governor.of_last()
         self.feed = np.zeros(n)
@@ -106,7 +109,7 @@ class Motion:
 
     def hold(self, position: Array, mode: Mode = POSITION) -> None:
         """Stay at `position`."""
-        self.goal[...] = position
+        self.goal[...] = self._last[...] = position
         self.target[...] = position
         self.governor.start(0.0)
         self.settled, self.jaw_moves = True, False
@@ -232,7 +235,7 @@ class Motion:
 
         Returns False if planning fails; then the move has ended at `position`.
         """
-        self.goal[...] = position
+        self.goal[...] = self._last[...] = position
         self.velocity[...] = 0.0
         self._trajectory.forget()
         if not self._plan(self.target, now_ns, self.jaw_streams):
@@ -254,14 +257,15 @@ class Motion:
         passed_ns, self._stepped_ns, self.stopped = now_ns - self._stepped_ns, now_ns, False
         self._step(now_ns, min(passed_ns, WOKEN_STEP_NS) if self._rested else passed_ns)
         self._rested = self.settled and not (self.moving or self.drifting)
+        self._last[...] = self.goal
 
     def _step(self, now_ns: int, passed_ns: int) -> None:
         if self.moving:
             if self.jaw_streams:
                 self._jaw_governor.step(passed_ns, has_feed=False)
-            before = self.goal.copy() if self.governor.clip is not None else None
             self._advance(now_ns)
-            if before is not None and self.governor.clip is not None and self.governor.clip(before, self.goal, 0.0):
+            clip = self.governor.clip  # since the last cycle, a command may have taken the setpoint further, too
+            if clip is not None and clip(self._last, self.goal, NO_STEP, 0.0):
                 self.hold(self.goal.copy())
                 self.stopped = True
             return
@@ -278,7 +282,7 @@ class Motion:
         if not self.settled and self.mode is POSITION:
             self.settled = not self.governor.step(passed_ns, has_feed=self.has_velocity)
             if self.drifting and self.governor.clipped:
-                self.target[...] = self.goal
+                self.target[self._arm] = self.goal[self._arm]
 
     def _drift(self, passed_ns: int) -> None:
         target, velocity = self.target, self.feed_velocity

@@ -21,6 +21,7 @@ from trocar.procs.document.walls import BASE, FRAMES, PARTS, REFERENCE, SHAPES, 
 from trocar.procs.kinematics.poses import Array, given_pose, pose_from_matrix
 from trocar.procs.kinematics.walls.body import CAMERA, THICK, THIN, ArmBody
 from trocar.procs.kinematics.walls.walls import MOST, SLOWING_S, ArmWalls, objection_to, pose_of
+from trocar.procs.native.library import native
 from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import CommandRefused
 from trocar.procs.tables import codes
@@ -28,7 +29,7 @@ from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.mailbox.received import Request
 
 POSE: Final = 7
-NAME_BYTES: Final = 24
+LONGEST_NS: Final = 30_000_000  # between goals of a stream
 SHOWN_NS: Final = 33_000_000
 NEAR_S: Final = 0.02
 """A stream that was stopped by a wall has caught up when its goal is so near, in s at the largest speed."""
@@ -48,17 +49,24 @@ class KeptWall:
 class Walls:
     """Keeps setpoints of an arm's joints where its walls allow them."""
 
-    def __init__(self, arm: ArmConfig, field: Fields | None, reports: ArmReports, is_on: Callable[[], bool]) -> None:
+    def __init__(self, arm: ArmConfig, field: Fields | None, reports: ArmReports, is_on: Callable[[], bool], *,
+                 simulated: bool) -> None:
         """`field` gives the arrays of the record `walls`, still with the previous process's; `is_on`: the arm is homed.
+
+        ValueError if the arm has walls, and this machine is too slow for them.
         """
         self._arm, self._field, self._reports, self._is_on = arm, field, reports, is_on
+        self._simulated = simulated
+        if arm.walls and self._too_slow():
+            raise ValueError(f"{arm.name}: {self._too_slow()}")
         self._kept = [KeptWall(wall, pose_of(wall)) for wall in arm.walls]
-        names = [wall.name for wall in arm.walls]
         if field is not None:
-            self._kept += [kept for kept in _added_before(field, arm) if kept.wall.name not in names]
+            for kept in _added_before(field, arm):
+                if kept.wall.name not in self.names and len(self._kept) < MOST:
+                    self._kept.append(kept)
         self._limits: ArmWalls | None = None
         self._to_base: Array | None = np.eye(4)
-        self._count = self._placed = 0
+        self._count = self._placed = self._allowed_ns = 0
         self._wanted: Array | None = None
         """The joints (count,) of the last goal of a stream from which a wall keeps the arm."""
         self.stopped_by = ""
@@ -70,7 +78,7 @@ class Walls:
     def use(self, joints: JointSpace) -> None:
         """Use another joint space."""
         self._count, self._limits, self._wanted, self.stopped_by = joints.count, None, None, ""
-        self._speed = joints.servo_speed[: joints.count].copy()
+        self._speed, self._calm = joints.servo_speed[: joints.count], joints.v_max[: joints.count]
         if joints.kinematics is not None:
             body = body_of(self._arm, joints)
             n = joints.count
@@ -89,7 +97,7 @@ class Walls:
                 limits.drop(place)
         for place, kept in enumerate(self._kept):
             to_base = np.eye(4) if kept.wall.frame == BASE else self._to_base
-            kept.active = limits is not None and to_base is not None
+            kept.active = limits is not None and to_base is not None and limits.body.has(kept.wall.of)
             if limits is not None and to_base is not None:
                 limits.put(place, kept.wall, to_base @ kept.pose)
         self.is_news = True
@@ -108,19 +116,31 @@ class Walls:
 
     # setpoints
 
-    def allow(self, here: Array, goal: Array) -> str:
-        """Change the `goal` of a stream (size,) to the nearest one that is allowed from `here`; returns the wall."""
+    def allow(self, here: Array, goal: Array, now_ns: int) -> str:
+        """Change the `goal` of a stream (size,) to the nearest one that is allowed from `here`; returns the wall.
+
+        Back from a wall, the goal is approached at the speeds of moves.
+        """
         limits, n = self._limits, self._count
+        passed_ns, self._allowed_ns = min(now_ns - self._allowed_ns, LONGEST_NS), now_ns
         if limits is None or not self.guards:
-            self._wanted = None
+            self.forget()
             return ""
         limits.before[...], limits.goal[...] = here[:n], goal[:n]
         name = self._name_of(limits.keep(0.0, 0))
         if name:
-            self._wanted = goal[:n].copy()
+            self._wanted, self.stopped_by = goal[:n].copy(), name
             goal[:n] = limits.goal
-            self.stopped_by = name
+        elif self._wanted is not None:
+            self._wanted = goal[:n].copy()
+            far = float((np.abs(goal[:n] - here[:n]) / self._calm).max()) / (max(passed_ns, 1) * 1e-9)
+            if far > 1.0:
+                goal[:n] = here[:n] + (goal[:n] - here[:n]) / far
         return name
+
+    def forget(self) -> None:
+        """No stream is kept from its goals."""
+        self._wanted, self.stopped_by = None, ""
 
     def ways_from_last(self, here: Array, goal: Array) -> Array | None:
         """While a wall keeps a stream from its goals: distances (count,) of a new goal from the last one, in s at the
@@ -130,14 +150,13 @@ class Walls:
             return None
         n = self._count
         if (np.abs(goal[:n] - here[:n]) <= NEAR_S * self._speed).all():
-            self._wanted = None
+            self.forget()
             return None
         return np.asarray(np.abs(goal[:n] - self._wanted) / self._speed)
 
-    def clip(self, before: Array, goal: Array, seconds: float) -> bool:
-        """Bound the setpoint `goal` (size,) of a cycle of so many seconds; returns whether it changed.
-
-        0 seconds: a point of a move, which only stops.
+    def clip(self, before: Array, goal: Array, step: Array, seconds: float) -> bool:
+        """Bound the setpoint `goal` (size,) of a cycle of so many seconds, in which joints change by `step` (2, size)
+        at least and at most; returns whether it changed. 0 seconds: a point of a move, which only stops.
         """
         limits, n = self._limits, self._count
         if limits is None or not self.guards:
@@ -148,7 +167,7 @@ class Walls:
             name = self._name_of(limits.way())
             limits.goal[...] = before[:n]
         else:
-            np.multiply(self._speed, seconds, out=limits.step)
+            limits.step[...] = step[:, :n]
             name = self._name_of(limits.keep(min(1.0, seconds / SLOWING_S), 1))
         if name:
             goal[:n] = limits.goal
@@ -163,7 +182,7 @@ class Walls:
         limits.before[...], limits.goal[...] = here[:n], goal[:n]
         pair = limits.way()
         if not pair:
-            self._wanted, self.stopped_by = None, ""
+            self.forget()
             return ""
         limits.look()
         beyond = limits.value.ravel().item(pair - 1)
@@ -186,15 +205,20 @@ class Walls:
 
     # commands
 
+    def _too_slow(self) -> str:
+        """Why walls cannot be kept here: numpy takes up to 0.1 s, in which the arm would count as stalled."""
+        lacks = native().library is None and not self._simulated
+        return f"walls in real time need the native library: {native().why}" if lacks else ""
+
     def add(self, request: Request) -> None:
         """A wall from now on: its name, shape and other words in the text; pose, size and margin in the values."""
         wall = wall_of(request.text, request.values)
-        if wall.name in self.names:
-            raise CommandRefused(f"there is a wall {wall.name}; remove_wall first, or take another name")
-        if len(self._kept) == MOST:
-            raise CommandRefused(f"{MOST} walls are the most")
-        why = objection_to(wall, self._arm.type)
-        if why:
+        names = {*self.names, *(each.name for each in self._arm.walls)}  # those of the file come back
+        if wall.name in names:
+            raise CommandRefused(f"there is a wall {wall.name}, here or in the system file; take another name")
+        if len(names) >= MOST:
+            raise CommandRefused(f"{MOST} walls are the most, with all of the system file")
+        if why := objection_to(wall, self._arm.type) or self._too_slow():
             raise CommandRefused(why)
         self._kept.append(KeptWall(wall, given_pose(request.values[:POSE]), by_command=True))
 
@@ -204,7 +228,8 @@ class Walls:
         there = [kept for kept in self._kept if kept.wall.name != name]
         if len(there) == len(self._kept):
             raise CommandRefused(f"no wall {name}; there are: {', '.join(self.names) or 'none'}")
-        self._kept, self._wanted, self.stopped_by = there, None, ""
+        self._kept = there
+        self.forget()
 
     # the record
 
@@ -258,8 +283,6 @@ def wall_of(text: str, values: Array) -> Wall:
     if len(words) < 2 or words[1] not in SHAPES:
         raise CommandRefused(f"a name and a shape are needed first; shapes: {', '.join(SHAPES)}")
     name, shape, *others = words
-    if len(name.encode()) > NAME_BYTES or not name.replace("_", "").replace("-", "").isalnum():
-        raise CommandRefused(f"name {name}: letters, digits, _ and -, at most {NAME_BYTES}")
     if unknown := [word for word in others if word not in WORDS]:
         raise CommandRefused(f"{', '.join(unknown)}: allowed are {', '.join(WORDS)}")
     needed = SIZES[shape]
@@ -283,10 +306,8 @@ def _added_before(field: Fields, arm: ArmConfig) -> list[KeptWall]:
         texts: dict[str, Any] = {name: bytes(field(name)[place]).rstrip(b"\0").decode(errors="replace")
                                  for name in ("name", "shape", "keep", "of", "frame")}
         pose, size = field("pose")[place].tolist(), field("size")[place].tolist()
-        if texts["shape"] not in SIZES or texts["of"] not in PARTS or texts["keep"] not in SIDES:
-            continue  # torn
         wall = Wall(**texts, position=tuple(pose[:3]), orientation=tuple(pose[3:]),
-                    size=tuple(size[: SIZES[texts["shape"]]]), margin=float(field("margin")[place]))
+                    size=tuple(size[: SIZES.get(texts["shape"], 0)]), margin=float(field("margin")[place]))
         if not objection_to(wall, arm.type):
             found.append(KeptWall(wall, pose_of(wall), by_command=True))
     return found

@@ -13,7 +13,8 @@ SIZES: Final = {PLANE: 0, BOX: 3, SPHERE: 1, CYLINDER: 2, CONE: 1, CAPSULE: 2}
 TIP, JAW, SHAFT, INSTRUMENT = PARTS = ("tip", "jaw", "shaft", "instrument")
 OUT, IN = SIDES = ("out", "in")
 BASE, REFERENCE = FRAMES = ("base", "reference")
-FARTHEST: Final = 10.0  # m
+FARTHEST, WIDEST = 10.0, 0.1  # m: of places and sizes, of margins
+NAMED: Final = r"^[A-Za-z0-9_-]{1,24}$"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,7 @@ class Wall:
     `size`: box: its three edges; sphere: its radius; cylinder and capsule: radius and length; cone: half of its angle.
     """
 
-    name: Annotated[str, Key(pattern=r"^[A-Za-z0-9_-]{1,24}$", text="letters, digits, _ and -, at most 24",
+    name: Annotated[str, Key(pattern=NAMED, text="letters, digits, _ and -, at most 24",
                              min_length=1)]
     shape: Annotated[str, Key(choices=SHAPES, min_length=1)]
     position: Annotated[tuple[float, ...], Key(-FARTHEST, FARTHEST, "m: of the middle; of a plane, any point of it; of "
@@ -35,5 +36,5 @@ class Wall:
     keep: Annotated[str, Key(choices=SIDES)] = OUT
     of: Annotated[str, Key(choices=PARTS)] = INSTRUMENT
     frame: Annotated[str, Key(choices=FRAMES)] = BASE
-    margin: Annotated[float, Key(0.0, 0.1, "m of distance that is kept besides")] = 0.0
+    margin: Annotated[float, Key(0.0, WIDEST, "m of distance that is kept besides")] = 0.0
     arms: Annotated[tuple[str, ...], Key(text="names of PSMs, ECMs and MTMs; none: all PSMs")] = ()

@@ -68,9 +68,13 @@ static void nearest(const Walls *k, int64_t w, const double *a, const double *b,
   turn_back(f, from, p);
   turn_back(f, way, u);
   for (int r = 0; r < 3; r++) end[r] = p[r] + u[r];
+  if (k->kind[w] == CONE && dot(p, p, 3) < k->apex * k->apex) { /* a shaft through the apex: its end says where it goes */
+    memcpy(p, end, sizeof p);
+    memset(u, 0, sizeof u);
+  }
   double first = distance_of(k->kind[w], size, p, g), last = distance_of(k->kind[w], size, end, h);
   if (k->keeps_in[w]) {
-    out->along = last > first;
+    out->along = last > first || (u[0] == 0.0 && u[1] == 0.0 && u[2] == 0.0);
     out->value = -most_of(first, last);
     for (int r = 0; r < 3; r++) g[r] = last > first ? -h[r] : -g[r];
   } else {
@@ -86,6 +90,7 @@ static void nearest(const Walls *k, int64_t w, const double *a, const double *b,
     }
     out->along = high == 0.0 ? 0.0 : low == 1.0 ? 1.0 : 0.5 * (low + high);
     for (int r = 0; r < 3; r++) middle[r] = p[r] + out->along * u[r];
+    if (u[0] == 0.0 && u[1] == 0.0 && u[2] == 0.0) out->along = 1.0;
     out->value = distance_of(k->kind[w], size, middle, g);
   }
   for (int r = 0; r < 3; r++) out->normal[r] = f[4 * r] * g[0] + f[4 * r + 1] * g[1] + f[4 * r + 2] * g[2];
@@ -148,12 +153,15 @@ static void slope_of(const Walls *k, int64_t s, const Nearest *pair, double (*fr
   }
 }
 
-/* The first pair that comes nearer than `least` (w, s) on the straight way between joints, plus 1; 0: none. */
-static int64_t blocked(const Walls *k, const double *from, const double *to, const double *least, double *share) {
+/* The first pair that comes nearer than `least` (w, s) on the straight way between joints, plus 1; 0: none. It is seen at
+   `share` of the way; at `passed` of it there was none. */
+static int64_t blocked(const Walls *k, const double *from, const double *to, const double *least, double samples,
+                       double *share, double *passed) {
   double frames[k->n][12], points[k->p][3], q[k->n], way = 0.0, at = 0.0;
   Nearest found[k->w * k->s];
   for (int64_t i = 0; i < k->n; i++) way += fabs(to[i] - from[i]) * k->reach[i];
-  double grain = most_of(k->grain, way / k->samples);
+  double grain = most_of(k->grain, way / samples);
+  *passed = 0.0;
   for (;;) {
     double room = INFINITY;
     for (int64_t i = 0; i < k->n; i++) q[i] = at < 1.0 ? from[i] + at * (to[i] - from[i]) : to[i];
@@ -166,8 +174,9 @@ static int64_t blocked(const Walls *k, const double *from, const double *to, con
       }
       room = least_of(room, spare);
     }
+    *passed = at;
     if (at >= 1.0 || !(way > 0.0)) return 0;
-    at = at > 0.0 || room > grain ? least_of(1.0, at + most_of(room, grain) / way) : least_of(1.0, grain / way);
+    at = least_of(1.0, at + most_of(room, grain) / way);
   }
 }
 
@@ -231,7 +240,7 @@ static void towards(const Walls *k, double (*frames)[12], const double *goal, co
 int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
   int64_t n = k->n, m = k->m, pairs = k->w * k->s, why;
   double frames[n][12], points[k->p][3], least[pairs], x[n], way[n], slope[n], u[m], wanted[m], h[m * m], at = 0.0;
-  double goal_tip[12];
+  double goal_tip[12], low[n], high[n], scale = 1.0, samples = 0.25 * k->samples;
   double a[(pairs + 2 * n) * m], b[pairs + 2 * n];
   int64_t of[pairs + 2 * n];
   Nearest found[pairs];
@@ -240,8 +249,13 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
     double value = found[i].value;
     least[i] = value <= 0.0 ? value : is_step && value < k->near ? value * (1.0 - share) : 0.0;
   }
-  why = blocked(k, k->before, k->goal, least, k->share);
+  why = blocked(k, k->before, k->goal, least, samples, k->share, &at);
   if (!why) return 0;
+  for (int64_t i = 0; i < n; i++) {
+    low[i] = least_of(k->lower[i], k->before[i]), high[i] = most_of(k->upper[i], k->before[i]);
+    if (!is_step) continue;
+    low[i] = most_of(low[i], k->before[i] + k->step[i]), high[i] = least_of(high[i], k->before[i] + k->step[n + i]);
+  }
   look_at(k, k->goal, 0.0, frames, points, found);
   tip_of(k, frames, goal_tip);
   look_at(k, k->before, k->near, frames, points, found);
@@ -261,14 +275,9 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
       b[count] = least[i] + (least[i] < 0.0 ? 0.0 : k->safe) - found[i].value, of[count++] = i;
     }
     for (int64_t i = 0; i < n; i++) {
-      double limits[2] = {least_of(k->lower[i], k->before[i]), most_of(k->upper[i], k->before[i])};
-      if (is_step) {
-        limits[0] = most_of(limits[0], k->before[i] - k->step[i]);
-        limits[1] = least_of(limits[1], k->before[i] + k->step[i]);
-      }
       for (int sign = 1; sign >= -1; sign -= 2) {
         for (int64_t j = 0; j < m; j++) a[m * count + j] = sign * k->free[m * i + j];
-        b[count] = sign > 0 ? limits[0] - x[i] : x[i] - limits[1], of[count++] = -1;
+        b[count] = sign > 0 ? low[i] - x[i] : x[i] - high[i], of[count++] = -1;
       }
     }
     strongest = bounded(k, count, a, b, h, wanted, u);
@@ -281,14 +290,15 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
     look_at(k, x, k->near, frames, points, found);
     if (change < k->small) break;
   }
-  for (int64_t halving = 0; halving < k->halvings; halving++) {
-    if (!blocked(k, k->before, x, least, &at)) {
-      memcpy(k->goal, x, sizeof x);
-      return why;
-    }
-    for (int64_t i = 0; i < n; i++) x[i] = 0.5 * (x[i] + k->before[i]);
+  /* the sweeps do not always end within the bounds of the joints */
+  for (int64_t i = 0; i < n; i++) {
+    double moved = x[i] - k->before[i], most = moved > 0.0 ? high[i] - k->before[i] : low[i] - k->before[i];
+    if (is_step && fabs(moved) > k->over * fabs(most)) scale = least_of(scale, most / moved);
   }
-  memcpy(k->goal, k->before, sizeof x);
+  for (int64_t i = 0; i < n; i++)
+    x[i] = most_of(least_of(k->before[i] + scale * (x[i] - k->before[i]), high[i]), low[i]);
+  if (!blocked(k, k->before, x, least, samples, &scale, &at)) at = 1.0;
+  for (int64_t i = 0; i < n; i++) k->goal[i] = at < 1.0 ? k->before[i] + at * (x[i] - k->before[i]) : x[i];
   return why;
 }
 
@@ -298,7 +308,8 @@ int64_t Walls_way(const Walls *k) {
   Nearest found[k->w * k->s];
   look_at(k, k->before, k->near, frames, points, found);
   for (int64_t i = 0; i < k->w * k->s; i++) least[i] = least_of(found[i].value, 0.0);
-  return blocked(k, k->before, k->goal, least, k->share);
+  double at;
+  return blocked(k, k->before, k->goal, least, k->samples, k->share, &at);
 }
 
 /* Distances at `goal` into `value` (w, s). */

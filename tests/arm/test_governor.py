@@ -143,8 +143,8 @@ def test_velocities_that_come_with_a_target_are_bounded() -> None:
 def test_a_wall_may_clip_the_setpoint() -> None:
     made = governor()
 
-    def wall(before: Any, setpoint: Any, seconds: float) -> bool:
-        assert before[0] <= setpoint[0] and seconds > 0.0
+    def wall(before: Any, setpoint: Any, bounds: Any, seconds: float) -> bool:
+        assert (bounds[0] <= 1e-12).all() and (setpoint - before <= bounds[1] + 1e-12).all() and seconds > 0.0
         if setpoint[0] <= 0.01:
             return False
         setpoint[0] = 0.01

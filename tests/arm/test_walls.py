@@ -189,6 +189,12 @@ def test_velocities_end_at_a_wall() -> None:
         made.send("servo_jv", (0.0, 0.0, 0.05, 0.0, 0.0, 0.0))
         assert tip(made)[2] >= -0.13 - EXACT
     assert tip(made)[2] == pytest.approx(-0.13, abs=1e-4)
+    assert abs(made.setpoint["velocity"][2]) < 1e-6, "and so does the velocity feed"
+    before = float(made.state["jaw_setpoint_position"])
+    for _ in range(200):
+        made.send("servo_jv", (0.0, 0.0, 0.05, 0.0, 0.0, 0.0))
+        made.send("jaw/servo_jp", (before + 0.3,))
+    assert float(made.state["jaw_setpoint_position"]) == pytest.approx(before + 0.3, abs=1e-3)
 
 
 def test_with_walls_far_away_every_setpoint_is_the_same() -> None:
@@ -243,3 +249,73 @@ def test_in_effort_mode_a_wall_pushes_softly() -> None:
         efforts.append(float(made.setpoint["effort"][2]))
     assert efforts[1] - efforts[0] == pytest.approx(-0.5, abs=0.01), "500 N/m from 10 mm on, upwards"
     assert efforts[2] == -1.0, "no more than the joint's largest effort"
+
+
+def test_a_jaw_that_streams_beside_the_arm_changes_nothing_at_a_wall() -> None:
+    made = harness(FLOOR)
+    start = tip(made)
+    for share in np.linspace(0.0, 1.0, 800):
+        goal = pose(made, start + share * np.array((0.0, 0.0, -0.08)))
+        assert made.send("servo_cp", goal, base_name("PSM1")).outcomes == ["done"]
+        assert made.send("jaw/servo_jp", (0.3 * share,)).outcomes == ["done"]
+    assert tip(made)[2] == pytest.approx(-0.13, abs=1e-4)
+
+
+def test_the_next_stream_is_judged_by_its_own_goals() -> None:
+    made = harness(FLOOR)
+    push(made, (0.0, 0.0, -0.2))
+    assert made.walls.text("stopped_by") == "floor"
+    made = at(made, (0.3, 0.0, 0.1, 0.0, 0.0, 0.0))
+    assert made.walls.text("stopped_by") == ""
+    here = tip(made)
+    assert made.send("servo_cp", pose(made, here), base_name("PSM1")).outcomes == ["done"]
+    assert made.send("servo_cp", pose(made, here + (0.0, 0.0, 0.003)), base_name("PSM1")).outcomes == ["done"]
+    assert made.send("servo_cp", pose(made, (0.0, 0.0, -0.2)), base_name("PSM1")).outcomes == ["refused"]
+
+
+def test_a_running_move_stops_at_a_new_wall_also_if_its_speed_changes_all_the_time() -> None:
+    made = harness()
+    move = made.send("move_jp", (0.0, 0.0, 0.2, 0.0, 0.0, 0.0))
+    made.run(0.05)
+    add(made, Wall("floor", "plane", (0.0, 0.0, -0.14), of="tip"))
+    for number in range(1500):
+        made.send("trajectory_j/set_ratio", (0.9 + 0.1 * (number % 2),))
+        assert tip(made)[2] >= -0.14 - EXACT
+    assert move.outcomes[-1] == "failed"
+
+
+def test_a_restart_brings_no_more_walls_than_there_is_room_for() -> None:
+    made = harness(*(Wall(f"w{i}", "plane", (0.0, 0.0, -0.2 - 0.01 * i), of="tip") for i in range(16)))
+    assert made.send("remove_wall", (), "w3").outcomes == ["done"]
+    plane = (0.0, 0.0, -0.3, 0.0, 0.0, 0.0, 1.0)
+    assert made.send("add_wall", plane, "mine plane").outcomes == ["refused"], "w3 comes back"
+    assert made.send("add_wall", plane, "w3 plane").outcomes == ["refused"]
+    made.start_arm()
+    made.run(0.1)
+    assert made.walls["count"] == 16
+
+
+@pytest.mark.parametrize(("field", "value"), [
+    ("margin", math.nan), ("margin", -1.0), ("frame", b"xx"), ("name", b" a b"), ("size", math.inf), ("pose", math.nan),
+    ("shape", b"cube"), ("count", 255)])
+def test_a_torn_record_adds_no_wall_after_a_restart(field: str, value: Any) -> None:
+    made = harness()
+    add(made, Wall("ball", "sphere", (0.0, 0.0, -0.2), size=(0.02,), of="tip"))
+    cell = made.walls[field]
+    cell[... if field == "count" else 0] = value
+    made.start_arm()
+    made.run(1.0)
+    assert made.walls["count"] == int(field == "count")
+    assert made.send("move_jp", (0.1, 0.0, 0.12, 0.0, 0.0, 0.0)).outcomes == ["accepted"]
+
+
+def test_an_arm_inside_a_cone_slows_down_before_its_side() -> None:
+    made = harness(Wall("field", "cone", orientation=(1.0, 0.0, 0.0, 0.0), size=(0.3,), keep="in", of="shaft"))
+    angles = []
+    for share in np.linspace(0.0, 1.0, 500):
+        made.send("servo_jp", (0.6 * share, 0.0, 0.12, 0.0, 0.0, 0.0))
+        angles.append(float(made.state["setpoint_position"][0]))
+    made.run(0.5)
+    assert float(made.state["setpoint_position"][0]) == pytest.approx(0.3, abs=1e-4)
+    steps = np.diff(angles)
+    assert steps.max() > 0.001 and steps[-1] < 0.2 * steps.max()

@@ -116,7 +116,7 @@ def test_the_body_of_a_psm_goes_from_its_remote_centre_to_the_end_of_its_jaw(see
 
 def test_a_master_has_its_tip_only() -> None:
     body = ArmBody(Kinematics(stock.chain("MTML")), 0.004)
-    assert body.known_parts == ("tip",) and body.parts.tolist() == [1]
+    assert body.known_parts == ("tip", "instrument") and body.parts.tolist() == [1]
 
 
 @pytest.mark.parametrize(("wall", "arm_type"), [

@@ -18,7 +18,7 @@ INSERTION: Final = 2  # the joint that makes a remote centre: it slides along th
 THICK, THIN, CAMERA = 0.0042, 0.0025, 0.006  # m: radii of instruments of 8 and 5 mm, of an endoscope
 SAME: Final = 1e-6  # m
 _TIP, _JAW, _SHAFT, _WRIST = 1, 2, 4, 8
-PART_BITS: Final = {TIP: _TIP, JAW: _JAW, SHAFT: _SHAFT, INSTRUMENT: _JAW | _SHAFT | _WRIST}
+PART_BITS: Final = {TIP: _TIP, JAW: _JAW, SHAFT: _SHAFT, INSTRUMENT: _TIP | _JAW | _SHAFT | _WRIST}
 
 
 class ArmBody:
@@ -53,11 +53,14 @@ class ArmBody:
         way = spots if self.has_remote_centre else [*((joint, np.zeros(3)) for joint in range(n)), *spots]
         self.reach = _reach(kinematics, way)
 
+    def has(self, part: str) -> bool:
+        """Whether this body has a part, or any of it."""
+        return bool((self.parts & PART_BITS[part]).any())
+
     @property
     def known_parts(self) -> tuple[str, ...]:
         """The parts that this body has."""
-        there = int(np.bitwise_or.reduce(self.parts))
-        return tuple(part for part, bits in PART_BITS.items() if bits & there)
+        return tuple(part for part in PART_BITS if self.has(part))
 
 
 Spots = Sequence[tuple[int, Array]]

@@ -14,6 +14,8 @@ from typing import Final
 from trocar.procs.document.walls import BOX, CAPSULE, CONE, CYLINDER, PLANE, SHAPES
 
 Vector = Sequence[float]
+APEX: Final = 1e-6
+"""m: a segment that begins so near to the apex of a cone is judged by its end: a shaft through the remote centre."""
 HALVINGS: Final = 20
 """Of a segment, to find its nearest place: 0.1 m / 2²⁰ is 0.1 µm."""
 
@@ -67,13 +69,17 @@ def nearest(kind: int, keeps_in: bool, frame: Sequence[float], size: Vector, a: 
     p = turned_back(frame, [a[i] - frame[4 * i + 3] for i in range(3)])
     u = turned_back(frame, [b[i] - a[i] for i in range(3)])
 
+    if shape == CONE and _dot(p, p) < APEX * APEX:
+        p, u = turned_back(frame, [b[i] - frame[4 * i + 3] for i in range(3)]), (0.0, 0.0, 0.0)
+    ends_only = not any(u)
+
     def at(along: float) -> tuple[float, tuple[float, float, float]]:
         return distance(shape, size, [p[i] + along * u[i] for i in range(3)])
 
     (first, g), (last, h) = at(0.0), at(1.0)
     if keeps_in:
         d, (x, y, z) = (last, h) if last > first else (first, g)
-        return Nearest(-d, float(last > first), _turned(frame, (-x, -y, -z)))
+        return Nearest(-d, float(last > first or ends_only), _turned(frame, (-x, -y, -z)))
     low, high = 0.0, 1.0
     if _dot(g, u) >= 0.0:
         high = 0.0
@@ -87,6 +93,7 @@ def nearest(kind: int, keeps_in: bool, frame: Sequence[float], size: Vector, a: 
             high = half
     along = 0.0 if high == 0.0 else 1.0 if low == 1.0 else 0.5 * (low + high)
     d, g = at(along)
+    along = 1.0 if ends_only else along
     return Nearest(d, along, _turned(frame, g))
 
 

@@ -15,12 +15,29 @@ wall is in it, so that an error of the approximation costs reach and never safet
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 
-from trocar.procs.document.walls import BOX, CONE, CYLINDER, IN, JAW, SHAFT, SHAPES, SIZES, Wall
+from trocar.procs.document.walls import (
+    BOX,
+    CONE,
+    CYLINDER,
+    FARTHEST,
+    FRAMES,
+    IN,
+    JAW,
+    NAMED,
+    PARTS,
+    SHAFT,
+    SHAPES,
+    SIDES,
+    SIZES,
+    WIDEST,
+    Wall,
+)
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.frames import Frame, body_jacobian, twist_between
 from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised
@@ -40,8 +57,8 @@ SLOWING_S: Final = 0.05
 class ArmWalls:
     """Walls of one arm with its instrument, all in the arm's base.
 
-    `before`, `goal` (n,): the present joints and those to go to; `step` (n,): largest change in one cycle. `value` (w,
-    s): see above; inf where a wall does not concern a segment.
+    `before`, `goal` (n,): the present joints and those to go to; `step` (2, n): least and largest change in one cycle.
+    `value` (w, s): see above; inf where a wall does not concern a segment.
     """
 
     HALVINGS, SWEEPS, STEPS = shapes.HALVINGS, 40, 6
@@ -53,6 +70,8 @@ class ArmWalls:
     """m: aim of the approximation, so that the result is inside the allowed space."""
     TINY, SMALL, FLAT = 1e-12, 1e-9, 1e-9
     TURN = 0.02
+    OVER = 1.0 + 1e-6
+    APEX = shapes.APEX
     ZONE, SPRING, DAMPER, LARGEST = 0.01, 500.0, 20.0, 10.0
     """Before a wall in effort mode: m, N/m, N·s/m, N."""
 
@@ -66,7 +85,8 @@ class ArmWalls:
         self.gather = np.ascontiguousarray(np.linalg.pinv(self.free))
         self.m, self.w, self.p, self.s = self.free.shape[1], MOST, len(body.of), len(body.starts)
         self.lower, self.upper = np.ascontiguousarray(lower), np.ascontiguousarray(upper)
-        self.before, self.goal, self.step, self.rates, self.efforts = np.zeros((5, n))
+        self.before, self.goal, self.rates, self.efforts = np.zeros((4, n))
+        self.step = np.zeros((2, n))
         self.kind, self.keeps_in, self.guards = np.zeros((3, MOST), dtype=np.int64)
         self.frames, self.size, self.margin = np.zeros((MOST, 3, 4)), np.zeros((MOST, 3)), np.zeros(MOST)
         self.value, self.share = np.full((MOST, self.s), np.inf), np.zeros(1)
@@ -114,7 +134,7 @@ class ArmWalls:
         plus 1, and in `share` how far along it is.
         """
         least = np.minimum(_View(self, self.before).values, 0.0)
-        return self._blocked(self.goal, least)
+        return self._blocked(self.goal, least, self.samples)[0]
 
     def by_numpy_keep(self, share: float, is_step: int) -> int:
         """Change `goal` to the nearest joints that are allowed; returns the pair that prevents more, plus 1, 0: none.
@@ -125,12 +145,16 @@ class ArmWalls:
         value = view.values
         slowed = np.where(value < self.NEAR, value * (1.0 - share), 0.0) if is_step else 0.0
         least = np.where(value <= 0.0, value, slowed)
-        why = self._blocked(self.goal, least)
+        samples = 0.25 * self.samples
+        why, _ = self._blocked(self.goal, least, samples)
         if not why:
             return 0
+        low, high = np.minimum(self.lower, self.before), np.maximum(self.upper, self.before)
+        if is_step:
+            low, high = np.maximum(low, self.before + self.step[0]), np.minimum(high, self.before + self.step[1])
         x, tip = self.before.copy(), _View(self, self.goal).tip
         for _ in range(self.STEPS):
-            rows, bounds, of = self._bounds(view, x, least, is_step)
+            rows, bounds, of = self._bounds(view, x, least, low, high)
             u, strongest = _bounded(rows, bounds, *view.towards(tip, self.goal - x), self)
             why = of[strongest] + 1 if of[strongest] >= 0 else why
             moved = self.free @ u
@@ -138,15 +162,18 @@ class ArmWalls:
             view = _View(self, x)
             if np.abs(moved).max() < self.SMALL:
                 break
-        for _ in range(self.HALVINGS):
-            if not self._blocked(x, least, np.zeros(1)):
-                self.goal[...] = x
-                return why
-            x = 0.5 * (x + self.before)
-        self.goal[...] = self.before
+        scale = 1.0  # the sweeps do not always end within the bounds of the joints
+        for moved, least_step, largest in zip(x - self.before, low - self.before, high - self.before, strict=True):
+            most = largest if moved > 0.0 else least_step
+            if is_step and abs(moved) > self.OVER * abs(most):
+                scale = min(scale, most / moved)
+        x = np.clip(self.before + scale * (x - self.before), low, high)
+        stopped, free = self._blocked(x, least, samples, np.zeros(1))
+        self.goal[...] = self.before + free * (x - self.before) if stopped and free < 1.0 else x
         return why
 
-    def _bounds(self, view: _View, x: Array, least: Array, is_step: int) -> tuple[list[Array], list[float], list[int]]:
+    def _bounds(self, view: _View, x: Array, least: Array, low: Array, high: Array
+                ) -> tuple[list[Array], list[float], list[int]]:
         """Rows (m,) and their bounds for walls that are near and for limits of joints; the pair of each, -1: none."""
         rows, bounds, of = list[Array](), list[float](), list[int]()
         for pair in np.flatnonzero(view.values < self.NEAR).tolist():
@@ -154,28 +181,28 @@ class ArmWalls:
             aim = least.flat[pair] + (0.0 if least.flat[pair] < 0.0 else self.SAFE)  # inside, nothing is pushed out
             bounds.append(float(aim - view.values.flat[pair]))
             of.append(pair)
-        low, high = np.minimum(self.lower, self.before), np.maximum(self.upper, self.before)
-        if is_step:
-            low, high = np.maximum(low, self.before - self.step), np.minimum(high, self.before + self.step)
         for joint in range(len(x)):
             rows += [self.free[joint], -self.free[joint]]
             bounds += [float(low[joint] - x[joint]), float(x[joint] - high[joint])]
             of += [-1, -1]
         return rows, bounds, of
 
-    def _blocked(self, to: Array, least: Array, share: Array | None = None) -> int:
-        """The first pair that comes nearer than `least` on the straight way from `before`, plus 1; 0: none."""
-        change = to - self.before
+    def _blocked(self, to: Array, least: Array, samples: float, share: Array | None = None) -> tuple[int, float]:
+        """The first pair that comes nearer than `least` on the straight way from `before`, plus 1, 0: none; and how
+        much of the way is free.
+        """
+        change, free = to - self.before, 0.0
         way, at = float(np.abs(change) @ self.body.reach), 0.0
-        grain = max(self.GRAIN, way / self.samples)
+        grain = max(self.GRAIN, way / samples)
         while True:
             spare = _View(self, self.before + at * change if at < 1.0 else to).values - least
             found = np.flatnonzero(~(spare >= -self.TINY))
             if len(found):
                 (self.share if share is None else share)[0] = at
-                return int(found[0]) + 1
+                return int(found[0]) + 1, free
+            free = at
             if at >= 1.0 or not way > 0.0:
-                return 0
+                return 0, 1.0
             at = min(1.0, at + max(float(spare.min()), grain) / way)
 
 
@@ -275,7 +302,14 @@ def pose_of(wall: Wall) -> Array:
 
 def objection_to(wall: Wall, arm_type: str) -> str:
     """Why a wall cannot be one of an arm of this type; "": it can."""
+    if not re.fullmatch(NAMED, wall.name):
+        return f"name {wall.name}: letters, digits, _ and -, at most 24"
+    for word, allowed in ((wall.shape, SHAPES), (wall.keep, SIDES), (wall.of, PARTS), (wall.frame, FRAMES)):
+        if word not in allowed:
+            return f"{word}: allowed are {', '.join(allowed)}"
     row, needed = ARM_TYPES[arm_type], SIZES[wall.shape]
+    if not all(abs(number) <= FARTHEST for number in (*wall.position, *wall.size)) or not 0.0 <= wall.margin <= WIDEST:
+        return f"places and sizes are at most {FARTHEST:g} m, a margin at most {WIDEST:g} m"
     if len(wall.size) != needed:
         return f"a {wall.shape} has {needed} numbers in its size, not {len(wall.size)}"
     if any(not number > 0.0 for number in wall.size):
