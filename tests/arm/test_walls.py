@@ -15,8 +15,10 @@ from tests.arm.fake_io import PERIOD_NS, ArmHarness
 from tests.arm.test_psm import DEEP, at
 from trocar.procs.document.walls import Wall
 from trocar.procs.kinematics.poses import pose_from_matrix
+from trocar.procs.native.library import native
 from trocar.procs.tables.arm_types import base_name
 
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 FLOOR = Wall("floor", "plane", (0.0, 0.0, -0.13), of="tip")
 HERE = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
 EXACT = 1e-9  # m
