@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import select
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -43,6 +44,12 @@ READ, WRITE, EXCEPT = select.POLLIN, select.POLLOUT, select.POLLPRI
 TO_OVERRIDE: Final = frozenset((
     "setup", "update", "main", "quit", "guard", "property_changed", "check_commands",
     "error", "request", "held_up_s", "carries_out", "_acting"))  # these five are set while it runs
+
+
+def _is_ours(kind: type) -> bool:
+    """Whether a class is Trocar's or Python's; a bridge's module runs as `__main__`."""
+    spec = getattr(sys.modules.get(kind.__module__), "__spec__", None)
+    return f"{kind.__module__ if spec is None else spec.name}.".startswith(("trocar.", "builtins."))
 
 
 class Watchable(Protocol):
@@ -98,7 +105,7 @@ class UserLoop(Loop):
         kept = {*vars(self), *dir(UserLoop)} - TO_OVERRIDE
         for each in type(self).__mro__:
             for name in vars(each).keys() & kept:
-                if not (name.startswith("__") or f"{each.__module__}.".startswith(("trocar.", "builtins."))):
+                if not (name.startswith("__") or _is_ours(each)):
                     raise ValueError(f"{each.__name__}.{name}: {NOT_YOURS}")
         self._kept = frozenset(kept)
 

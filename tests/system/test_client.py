@@ -220,6 +220,10 @@ def settings(psm: trocar.Psm) -> None:
     becomes(lambda: np.allclose(psm.measured_cp()[0], shifted(before, 0.1, 0.2, 0.3), atol=1e-6))
     psm.set_base_frame(None)
     becomes(lambda: not is_known(psm))
+    psm.add_wall("far", "sphere", shifted(np.eye(4), 0.0, 0.0, 2.0), (0.1,), 0.001, keep="out", of="tip")
+    with refused("far"):
+        psm.add_wall("far", "plane", np.eye(4))
+    psm.remove_wall("far")
     becomes(lambda: np.allclose(psm.local.measured_cp()[0], before, atol=1e-6))
 
 

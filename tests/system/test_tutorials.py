@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import sys
 
 import pytest
@@ -22,7 +23,7 @@ ROS_DOMAIN = 42
 
 def follow(person: Person, page: str, python: str = sys.executable) -> int:
     """Take every step of a page; returns how many commands were typed."""
-    (person.folder / "configs").symlink_to(ROOT / "configs")
+    shutil.copytree(ROOT / "configs", person.folder / "configs")  # a page changes them
     typed = 0
     for step in STEP.finditer(re.sub(r"^```sh\n(?s:.*?)^```", "", PAGES[page], flags=re.MULTILINE)):
         line = step["line"]

@@ -55,9 +55,9 @@ def test_without_a_compiler_there_is_no_baseline_and_the_bench_says_why(
 @pytest.mark.slow
 def test_a_short_measurement_counts_the_packets_of_a_cycle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     found = measured(monkeypatch, tmp_path, lambda: bench_io._measure(bench_io.write_system(tmp_path, 1), 1.0),
-                     lambda found: found["packets_per_cycle"] < 4.5 and found["cycles"] > 100)
+                     lambda found: found["packets_per_cycle"] < 4.9 and found["cycles"] > 100)
     assert (found["boards"], found["axes"]) == (2, 7)
-    assert 2.0 <= found["packets_per_cycle"] < 4.5  # fewer where a busy machine makes replies late
+    assert 2.0 <= found["packets_per_cycle"] < 4.9  # of four, fewer or more where a busy machine makes replies late
     assert 0.0 < found["read_to_write_us_p50"] <= found["read_to_write_us_p99"]
     assert found["cycles"] > 100
     assert not [parts for parts in names_of() if parts[0].startswith(f"bench-io-{os.getpid()}")]

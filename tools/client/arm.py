@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -186,6 +187,15 @@ class Arm(Instance, Joints):
     def set_base_frame(self, pose: ArrayLike | None, frame: str = "") -> None:
         """Set the pose (4, 4) of the arm's base in a reference frame of this name; None: unknown (`local` only)."""
         self._remote.ask("set_base_frame", () if pose is None else pose_numbers(pose), frame)
+
+    def add_wall(self, name: str, shape: str, pose: ArrayLike, size: Sequence[float] = (), margin: float = 0.0, *,
+                 keep: str = "out", of: str = "instrument", frame: str = "base") -> None:
+        """Keep a part of the arm out of a shape at a pose (4, 4), or `keep="in"` it; docs/walls.md has all words."""
+        self._remote.ask("add_wall", (*pose_numbers(pose), *size, margin), f"{name} {shape} {keep} {of} {frame}")
+
+    def remove_wall(self, name: str) -> None:
+        """Remove a wall; an operator's command."""
+        self._remote.ask("remove_wall", (), name)
 
     def reference_frame(self) -> str:
         """Name of the frame of its poses."""

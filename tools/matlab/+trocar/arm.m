@@ -227,6 +227,20 @@ classdef arm < trocar.instance & trocar.joints
             self.bridge.command(self.name, 'set_base_frame', values, frame);
         end
 
+        function add_wall(self, name, shape, pose, sizes, margin, words)
+            % Keep a part of the arm out of a shape at a pose (4x4); words of docs/walls.md, e.g. 'in tip reference'.
+            if nargin < 5, sizes = []; end
+            if nargin < 6, margin = 0; end
+            if nargin < 7, words = ''; end
+            values = [reshape(trocar.internal.numbers_of(pose), 1, []), reshape(sizes, 1, []), margin];
+            self.bridge.command(self.name, 'add_wall', values, strtrim([name ' ' shape ' ' words]));
+        end
+
+        function remove_wall(self, name)
+            % Remove a wall; an operator's command.
+            self.bridge.command(self.name, 'remove_wall', [], name);
+        end
+
         function frame = reference_frame(self)
             % Name of the frame that poses are given in.
             row = self.state();
