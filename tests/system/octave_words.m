@@ -84,6 +84,10 @@ end
 assert(psm.trajectory_j_ratio() == 0.5)
 psm.trajectory_j_set_ratio(1);
 psm.use_gravity_compensation(false);
+far = eye(4);
+far(3, 4) = 2;
+psm.add_wall('far', 'sphere', far, 0.1, 0.001, 'tip');
+psm.remove_wall('far');
 assert(numel(psm.gravity_compensation.setpoint_jf()) == 6)
 psm.pause();
 assert(strcmp(psm.operating_state(), 'PAUSED'))
