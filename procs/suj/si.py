@@ -150,9 +150,9 @@ class Si:
         """No reading for too long."""
         self._setups.lose(place, moved=False)
         arm = self._arms[place]
-        reasons = [f"{who}: {self._link.problem(address) or 'no readings received'}" for who, address, stamp in (
-            ("base", self._base, self._base_ns), (arm.name, arm.board.upper(), self._stamps_ns[place])) if not stamp
-            or self._link.problem(address)]
+        boards = [("base", self._base, self._base_ns), (arm.name, arm.board.upper(), self._stamps_ns[place])]
+        reasons = [f"{who}: {self._link.problem(address) or 'no readings received'}"
+                   for who, address, stamp in boards[self._is_by_arm:] if not stamp or self._link.problem(address)]
         self._report(place, f"{arm.name}: its pose is not known ({'; '.join(reasons) or 'its board is silent'})")
 
     def _report(self, place: int, text: str) -> None:

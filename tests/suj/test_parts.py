@@ -24,7 +24,7 @@ from trocar.procs.suj.classic import Classic, SetupArmBrakes
 from trocar.procs.suj.loop import link_of
 from trocar.procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
 from trocar.procs.suj.pots import CLASSIC_LIMITS, Potentiometers
-from trocar.procs.suj.si import EmulatedBoards, Si, counts
+from trocar.procs.suj.si import EmulatedBoards, Si, UnreadPots, counts
 
 STEP_NS = 666_667
 
@@ -199,6 +199,15 @@ def test_counts_of_the_carried_arms_controllers_make_all_joints_known(by_arm: Se
     run(by_arm, 5.5)
     assert by_arm.field("setup_valid").tolist() == [True, False, True, True]
     assert by_arm.reports.of("warning") == ["PSM1: its pose is not known (PSM1: out of reach)"]
+
+
+def test_a_cart_of_2026_on_real_boards_names_the_cause_once(
+        by_arm: SetupHarness, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("poll", "problem"):
+        monkeypatch.setattr(by_arm.link, name, getattr(UnreadPots(), name))
+    run(by_arm, 5.5)
+    assert by_arm.reports.of("warning")[0] == ("ECM: its pose is not known (ECM: firmware Rev 10 reads its "
+                                               "potentiometers, and where it shows them is not known)")
 
 
 def test_a_joint_without_a_reading_makes_its_arm_unknown(by_arm: SetupHarness, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,10 +12,11 @@ from tests.system.robot import Robot
 from trocar.procs.config.read.source import read_source
 from trocar.procs.document.system import from_json
 from trocar.shm.system import directory
-from trocar.tools.commission import setup_joints
+from trocar.tools.commission import setup_joints, stop
 from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.person import Settle
 from trocar.tools.commission.person_sim import AtBoards
+from trocar.tools.converters import to_json
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 SITE = "dvrk-site/jhu-daVinci/"
@@ -54,3 +55,19 @@ def test_one_setup_arm_is_measured_with_its_brakes_released_by_its_clutch_only(r
     for key in ("primary_scales", "primary_offsets", "secondary_scales", "secondary_offsets"):
         assert new["PSM1"][key] == pytest.approx(old["PSM1"][key], abs=0.01), key
     assert all(new[name] == old[name] for name in old if name != "PSM1")
+
+
+def test_emergency_stop_and_watchdog_cut_the_current_of_the_brakes(robot: Robot, tmp_path: Path) -> None:
+    source, _ = read_source(stock.find(f"{SITE}system-SUJ.json"))
+    assert source is not None
+    source.data["IOs"][0]["watchdog_timeout"] = 0.3  # a busy machine holds io up
+    file = tmp_path / "system-SUJ.json"
+    file.write_text(to_json(source.data))
+    robot.up(file, "--path", str(stock.find(SITE)), "--path", str(stock.find("dvrk-share")), "--boards", "emulated",
+             "--set", "io.period_s=0.002", "--clock", "wall")
+    document = from_json(directory.document(robot.name))
+    with AtBoards(document) as person, RunningBench(document, person, ["SUJ"]) as bench:
+        outcome = stop.run(bench)
+        assert [str(problem) for problem in outcome.problems] == []
+        assert outcome.figures["IO1 stop_s"].keys() == {"SUJ"} and outcome.figures["IO1 watchdog_s"]
+        assert not bench.sample("IO1", 0.2).drives("amp_on", bench.setups[0])[-1].any()

@@ -21,11 +21,10 @@ from trocar.shm.time.system_time import SystemTime
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.remote import Remote
 from trocar.tools.commission.person import Person
-from trocar.tools.commission.subject import Subject, carts_of, subjects_of
+from trocar.tools.commission.subject import SETUP_JOINTS, Subject, carts_of, setup_subject, subjects_of
 from trocar.tools.commission.window import Window
 from trocar.tools.output.errors import Problem
 
-SETUP_JOINTS: Final = 6
 SLICE_S: Final = 0.5  # the ring keeps 3 s
 OFF_S: Final = 0.2  # amplifiers are off long before
 
@@ -66,6 +65,7 @@ class RunningBench(Closable):
         self.document, self.person = document, person
         self.system = document.name
         self.subjects, self.carts = subjects_of(document, chosen), carts_of(document, chosen)
+        self.setups = tuple(setup_subject(document, cart) for cart in self.carts)
         self._open = contextlib.ExitStack()
         self.time = self._open.enter_context(SystemTime(self.system))
         """The time in which stages measure and wait; a rehearsal's may be simulated."""
@@ -113,11 +113,14 @@ class RunningBench(Closable):
                 return CommandOutcome("failed", f"no answer within {timeout:g} s"), Window.joined(parts)
 
     def enable(self, subject: Subject) -> None:
-        """Power and amplifiers of an arm on, without commands; Problem if they do not come on."""
+        """Power and amplifiers of an arm, or of setup joints, on, without commands; Problem if they do not come on."""
         bring_all(self.system, [subject.arm], ENABLED)
 
     def disable(self, subject: Subject) -> None:
-        """Switch everything off. The arm's answer is secondary: io gets the command too, and amplifiers are checked."""
+        """Switch everything off. What its process answers is secondary: io gets the command, too.
+
+        Problem if amplifiers are still on.
+        """
         with contextlib.suppress(Problem):
             bring_all(self.system, [subject.arm], DISABLED)
         self.asked(subject.io, "power_off", (), subject.name, 2.0)
@@ -146,16 +149,6 @@ class RunningBench(Closable):
         if not reader.newest():
             raise Problem(f"{cart.name} shows nothing; does it run? (trocar status)")
         return SetupReadings.of(reader.field)
-
-    def enable_setup(self, cart: Cart) -> None:
-        """Power on; its brakes hold until a clutch is pressed. Problem if it does not come on."""
-        bring_all(self.system, [cart.name], ENABLED)
-
-    def disable_setup(self, cart: Cart) -> None:
-        """Power off in any case; io gets the command too."""
-        with contextlib.suppress(Problem):
-            bring_all(self.system, [cart.name], DISABLED)
-        self.asked(cart.io, "power_off", (), cart.robot, 2.0)
 
     def close(self) -> None:
         """Detach."""

@@ -49,6 +49,7 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     """One arm after the other; changed files are written at the end, if no problem occurred."""
     outcome = Outcome()
     changes: dict[str, dict[str, dict[io_file.Place, float]]] = {}
+    outcome.notes += [f"{cart.name}: the brakes of its setup arms are not tested here" for cart in bench.carts]
     for subject in (each for each in bench.subjects if each.arm and each.robot.brakes):
         bench.person.confirm(
             f"{subject.whole()}: its amplifiers are switched on, its motors have no current, and its brakes are "

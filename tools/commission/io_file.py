@@ -6,6 +6,7 @@ import copy
 import difflib
 import json
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,8 +52,7 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     read, problems = read_source(source)
     if read is None:
         raise Problem(f"{source} can no longer be read: {problems[0]}")
-    if write and source.suffix != ".json":
-        raise Problem(f"{source} is no JSON and would lose its comments; without --write a new file is written")
+    require_place(source, folder, write=write)
     data = copy.deepcopy(read.data)
     _put(data, values, source, part)
     old, new = to_json(read.data), to_json(data)
@@ -65,6 +65,15 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     use = "" if write else f"; use it in place of {source.name} ({KEYS[part]} of the system file)"
     saved.notes.append(f"{path} {OF_EMULATED}" if rehearsed else f"{path} has the calibrated values{use}")
     return saved
+
+
+def require_place(source: Path, folder: Path, *, write: bool) -> None:
+    """Problem if `save` could not write there; changes nothing."""
+    if write and source.suffix != ".json":
+        raise Problem(f"{source} is no JSON and would lose its comments; without --write a new file is written")
+    into = source.parent if write else folder
+    if not os.access(into, os.W_OK | os.X_OK):
+        raise Problem(f"{into}: no file can be written into this folder")
 
 
 def save_all(bench: RunningBench, outcome: Outcome, changes: Mapping[str, Values], folder: Path, *,

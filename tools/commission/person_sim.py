@@ -16,14 +16,13 @@ from trocar.shm.memory.closable import Closable
 from trocar.shm.system import directory
 from trocar.tools.client.remote import Remote
 from trocar.tools.commission.person import Act, Carry, Press, Put, Rock, Settle, Squeeze, Stop, Sweep
-from trocar.tools.commission.subject import Subject
+from trocar.tools.commission.subject import SETUP_JOINTS, Subject
 from trocar.tools.output.printing import note
 
 STEPS: Final = 8  # of a motion by hand, each way
 BEYOND: Final = 1.3  # times the requested motion
 SWEEP_STEPS: Final = 2800  # from stop to stop: a reading that lags by one of them, each way, is still repeated
 CLUTCHED: Final = 10  # looks until the brakes of a setup arm have released, or hold
-SETUP_JOINTS: Final = 6
 WAITS: Final = 40  # looks while the person waits for an event
 ROCKED_RAD, ROCKED_M = 0.02, 0.003
 OPEN, CLOSED = math.radians(60.0), 0.0  # gripper, rad

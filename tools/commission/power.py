@@ -20,7 +20,7 @@ IDLE_A: Final = 0.1
 def run(bench: RunningBench) -> Outcome:
     """One arm after the other."""
     outcome = Outcome()
-    for subject in (each for each in bench.subjects if each.arm):
+    for subject in (*(each for each in bench.subjects if each.arm), *bench.setups):
         bench.person.confirm(
             f"The relays of {subject.whole()} close and their motor supply is switched on for {SUPPLY_S:g} s. All "
             "amplifiers stay off: nothing should move. Hand on the emergency stop.", subject.name)

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from trocar.procs.document.cart import channel_inputs
 from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Finding, Outcome
 from trocar.tools.commission.person import Carry, Press
@@ -31,11 +32,11 @@ LEAST = 0.3  # of the requested motion: less is no motion
 def run(bench: RunningBench) -> Outcome:
     """See the module."""
     outcome = Outcome()
-    for name in dict.fromkeys(subject.io for subject in bench.subjects):
+    for name in _ios(bench):
         window, found = _at_rest(bench, name)
         outcome.add(found)
         outcome.figures[name] = {"rate_hz": rate_of(window), "good": float(window.fields["valid"].mean())}
-        for subject in (each for each in bench.subjects if each.io == name):
+        for subject in (each for each in (*bench.subjects, *bench.setups) if each.io == name):
             outcome.add(judge_rest(window, subject))
             outcome.figures[subject.name] = {
                 "pot_V": window.axes("pot_voltage", subject).mean(axis=0).tolist(),
@@ -49,6 +50,10 @@ def run(bench: RunningBench) -> Outcome:
             _by_hand(bench, subject, outcome)
     _buttons(bench, outcome)
     return outcome
+
+
+def _ios(bench: RunningBench) -> list[str]:
+    return list(dict.fromkeys(subject.io for subject in (*bench.subjects, *bench.setups)))
 
 
 def _at_rest(bench: RunningBench, name: str) -> tuple[Window, list[Finding]]:
@@ -89,7 +94,9 @@ def judge_rest(window: Window, subject: Subject) -> list[Finding]:
         if on[axis]:
             found.append(Finding(where, "its amplifier is on", "off, as power was not requested",
                                  "switch the controller's supply off; its amplifier or its cable is broken"))
-        found += _pot(window, subject, axis) + _current(window, subject, axis)
+        if not subject.is_setup:  # their potentiometers are behind a multiplexer
+            found += _pot(window, subject, axis)
+        found += _current(window, subject, axis)
     found += _temperature(window, subject)
     return found
 
@@ -223,8 +230,11 @@ def _first_way(window: Window, subject: Subject, axis: int) -> str:
 def _buttons(bench: RunningBench, outcome: Outcome) -> None:
     """Digital inputs, one after the other; an input that is not pressed is a remark."""
     tried, left = {}, []
-    for name in dict.fromkeys(subject.io for subject in bench.subjects):
+    channels = {name for cart in bench.carts for name in channel_inputs(cart.robot)}  # of their multiplexer: no buttons
+    for name in _ios(bench):
         for place, row in enumerate(bench.document.io(name).digital_inputs):
+            if row.name in channels:
+                continue
             parts = [bench.sample(name, LOOK_S)]
             before = bool(parts[0].fields["input"][-1, place])
             how = "is pressed now: release it and press it again" if before else "press and release it"

@@ -23,7 +23,6 @@ from trocar.tools.commission.person import Settle
 from trocar.tools.commission.picture import TOP, frames_at, picture
 from trocar.tools.commission.setup_judge import (
     FEWEST,
-    JOINTS,
     MeasuredPose,
     SetupSubject,
     judge_poses,
@@ -31,6 +30,7 @@ from trocar.tools.commission.setup_judge import (
     judge_rest,
     lines,
 )
+from trocar.tools.commission.subject import SETUP_JOINTS, setup_subject
 from trocar.tools.commission.window import Floats
 from trocar.tools.output.errors import Problem
 
@@ -41,7 +41,7 @@ ABOUT_DEG: Final = ((-90.0, 90.0), (-90.0, 90.0), (-90.0, 90.0), (-135.0, 135.0)
 """Of joints 2 to 6, for the first and the second pose."""
 OTHERS_DEG: Final = {("PSM1", 2): (-135.0, 0.0), ("PSM2", 2): (0.0, 135.0), ("ECM", 3): (90.0, 270.0)}
 HEIGHTS_M: Final = (0.15, 0.45)
-SHARES: Final = np.linspace(0.38, 0.62, JOINTS)
+SHARES: Final = np.linspace(0.38, 0.62, SETUP_JOINTS)
 """Of the way from the first to the second pose: about where the third one has each joint."""
 WORDS: Final = ("first", "second", "third")
 
@@ -58,7 +58,13 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     """Each arm of each cart, until the first problem; arms that have passed before it get their values written."""
     outcome = Outcome()
     for cart in bench.carts:
-        values = _cart(bench, cart, outcome)
+        io_file.require_place(Path(cart.source), folder, write=write)  # first: it must not cost the person's work
+        bench.person.confirm(_dangers(bench, cart), cart.name)
+        values: dict[str, dict[io_file.Place, float]] = {}
+        try:
+            _measure(bench, cart, outcome, values)
+        except (Problem, TimeoutError) as problem:
+            outcome.add([Finding(cart.name, str(problem), "", "docs/errors.md has causes and remedies")])
         if values:
             io_file.save_all(bench, outcome, {cart.source: values}, folder, write=write, part="arms")
         if outcome.problems:
@@ -70,18 +76,27 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     return outcome
 
 
-def _cart(bench: RunningBench, cart: Cart, outcome: Outcome) -> dict[str, dict[io_file.Place, float]]:
-    """New values, by arm."""
-    values: dict[str, dict[io_file.Place, float]] = {}
-    bench.person.confirm(
-        f"{cart.name} is powered. While its clutch is pressed, a setup arm has no brakes: one person holds it with "
-        "both hands before the other presses the clutch, and PSM3 can sink. Remove instruments and endoscope, hand on "
-        "the emergency stop.", cart.name)
-    kinds = io_file.texts_of(cart.source, "arms", "type")
+def _dangers(bench: RunningBench, cart: Cart) -> str:
+    lifting = ", ".join(arm.name for arm in cart.arms if arm.lifts)
+    return (f"{cart.name} is powered. While its clutch is pressed, a setup arm has no brakes"
+            f"{f', and {lifting} can sink' if lifting else ''}: one person holds it with both hands before the other "
+            "presses the clutch, with the emergency stop within reach. Use the keyboard only while all clutches are "
+            "released. "
+            + (f"The buttons motor_up and motor_down move the column of {lifting} at once, at 2 cm/s: hands off it. No "
+               "stage has tested what stops this motor: mains switch within reach. " if lifting else "")
+            + ("The system is in calibration mode: any program may set the outputs of brakes and column. "
+               if bench.document.io(cart.io).calibration_mode else "")
+            + "Remove instruments and endoscope.")
+
+
+def _measure(bench: RunningBench, cart: Cart, outcome: Outcome,
+             values: dict[str, dict[io_file.Place, float]]) -> None:
+    """Put new values into `values`, by arm, as soon as an arm has passed."""
+    kinds, robot = io_file.texts_of(cart.source, "arms", "type"), setup_subject(bench.document, cart)
     try:
-        bench.enable_setup(cart)
+        bench.enable(robot)
         for place, row in enumerate(cart.arms):
-            arm = SetupSubject(cart, place, FEWEST if kinds.get(row.name) == "ECM" else JOINTS)
+            arm = SetupSubject(cart, place, FEWEST if kinds.get(row.name) == "ECM" else SETUP_JOINTS)
             if not bench.person.agrees(f"{arm.name}: measure its joints now? (n: leave out)"):
                 outcome.notes.append(f"{arm.name}: left out, its potentiometers are those of its file")
                 continue
@@ -98,8 +113,7 @@ def _cart(bench: RunningBench, cart: Cart, outcome: Outcome) -> dict[str, dict[i
                 for which, pots in enumerate(("primary", "secondary")) for joint in range(arm.joints)
                 for part, what in enumerate(("scales", "offsets"))}
     finally:
-        bench.disable_setup(cart)
-    return values
+        bench.disable(robot)
 
 
 def _measured(bench: RunningBench, arm: SetupSubject) -> tuple[list[MeasuredPose], list[Finding]]:
@@ -142,8 +156,10 @@ def _request(arm: SetupSubject, number: int, goal: Floats) -> str:
     where = ", ".join(f"joint {joint + 1} {arm.shown(joint, value)}" for joint, value in enumerate(goal))
     what = ("This pose and the next one should have each joint as far apart as it can be measured.", "",
             "Come from the second pose; each joint must be at another share of its way.")[number]
-    return (f"Bring setup arm {arm.name} to the {WORDS[number]} pose, about {where}. {what} Release its clutch: it "
-            "must not move until its joints are typed.")
+    lift = (" Its joint 1 is moved by a motor, with the buttons motor_up and motor_down: only with its clutch released "
+            "and all hands off the column." if arm.row.lifts else "")
+    return (f"Bring setup arm {arm.name} to the {WORDS[number]} pose, about {where}. {what}{lift} Release its clutch: "
+            "it must not move until its joints are typed.")
 
 
 def _draw(bench: RunningBench, arm: SetupSubject, goal: Floats) -> None:

@@ -12,7 +12,6 @@ from trocar.procs.document.cart import Cart, CartArm
 from trocar.tools.commission.finding import Finding
 from trocar.tools.commission.window import Floats
 
-JOINTS: Final = 6
 FEWEST: Final = 4
 """Joints of the endoscope's setup arm."""
 POTS: Final = ("primary", "secondary")
@@ -28,8 +27,10 @@ RESIDUAL: Final = (0.002, *[np.radians(1.0)] * 5)
 """How far the third pose may be from the line of the others: with more, operation does not know the arm's pose."""
 APART: Final = 0.5
 """The same for the primary against the secondary potentiometer, as a share of that."""
-SHARE: Final = (0.25, 0.75)
-"""Of the way between the others, where the third pose may have a joint."""
+SHARE: Final = (1 / 3, 2 / 3)
+"""Of the way between the others, where the third pose may have a joint. An error in the first or second pose shows
+there by a third of its size at least.
+"""
 SCALE_WITHIN, ALIKE_WITHIN = 0.15, 0.05
 """A scale against the file's, and against that of the joint's other potentiometer."""
 NOISE_V, MOVED_V = 0.01, 0.02

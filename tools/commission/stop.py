@@ -31,7 +31,7 @@ def run(bench: RunningBench) -> Outcome:
     """Bus after bus."""
     outcome = Outcome()
     for io in (io for io in bench.document.ios if io.port):
-        arms = [subject for subject in bench.subjects if subject.io == io.name and subject.arm]
+        arms = [subject for subject in (*bench.subjects, *bench.setups) if subject.io == io.name and subject.arm]
         if arms and not outcome.add(_emergency_stop(bench, arms, outcome)):
             outcome.add(_watchdog(bench, io, arms, outcome))
         if outcome.problems:
@@ -47,7 +47,7 @@ def _enable(bench: RunningBench, arms: Sequence[Subject]) -> None:
 def _emergency_stop(bench: RunningBench, arms: list[Subject], outcome: Outcome) -> list[Finding]:
     names = ", ".join(subject.name for subject in arms)
     bench.person.confirm(f"The amplifiers of {names} are switched on, nothing is driven. Then press the emergency "
-                         "stop: arms without brakes may sag, support them.", "stop")
+                         f"stop: arms without brakes may sag, support them.{_keep_off(arms)}", "stop")
     io = arms[0].io
     try:
         _enable(bench, arms)
@@ -69,6 +69,11 @@ def _emergency_stop(bench: RunningBench, arms: list[Subject], outcome: Outcome) 
     finally:
         for subject in arms:
             bench.disable(subject)
+
+
+def _keep_off(arms: Sequence[Subject]) -> str:
+    return " Press no clutch of the setup joints, and no button of their column." if any(
+        subject.is_setup for subject in arms) else ""
 
 
 def stop_s(window: Window, subject: Subject) -> float:
@@ -119,7 +124,7 @@ def _watchdog(bench: RunningBench, io: IoConfig, arms: list[Subject], outcome: O
     if not io.watchdog_s:
         return judge_silence(io, (), Silence({}, ()))
     bench.person.confirm(f"{io.name} is made silent for a moment, with amplifiers on: the boards have to cut them by "
-                         "themselves. Support what may sag.", "watchdog")
+                         f"themselves. Support what may sag.{_keep_off(arms)}", "watchdog")
     numbers = sorted({a.board_id for subject in arms for a in subject.robot.actuators})
     try:
         with BusClient(io.port) as desk:

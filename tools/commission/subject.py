@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from trocar.procs.document.cart import CLASSIC, Cart
 from trocar.procs.document.system import Actuator, IoConfig, Robot, SystemConfig
 
 UNITS = {"PRISMATIC": "m"}
+SETUP: Final = "SUJ"  # kind
+SETUP_JOINTS: Final = 6
+"""Of a Classic setup arm with potentiometers, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +24,7 @@ class Subject:
     axes: slice
     drives: tuple[int, ...]  # its actuators, then its brakes
     arm: str  # the process that drives it; empty: a gripper
-    kind: str  # PSM, ECM, MTM; empty: a gripper
+    kind: str  # PSM, ECM, MTM, SUJ; empty: a gripper
     names: tuple[str, ...]
     tolerance: tuple[float, ...]  # tracking error that trips, of each axis; empty without a joint controller
     deadband: tuple[float, ...]  # position error that its joint controller leaves alone
@@ -29,6 +33,11 @@ class Subject:
     def name(self) -> str:
         """Name of the robot."""
         return self.robot.name
+
+    @property
+    def is_setup(self) -> bool:
+        """Whether its actuators are the brakes of setup arms."""
+        return self.kind == SETUP
 
     @property
     def boards(self) -> str:
@@ -90,6 +99,13 @@ def subjects_of(system: SystemConfig, arms: list[str] | None = None) -> tuple[Su
 def carts_of(system: SystemConfig, arms: list[str] | None = None) -> tuple[Cart, ...]:
     """Classic setup joints with boards, all or those of these names."""
     return tuple(cart for cart in system.carts if cart.kind == CLASSIC and cart.io and (not arms or cart.name in arms))
+
+
+def setup_subject(system: SystemConfig, cart: Cart) -> Subject:
+    """The robot of Classic setup joints, with the brakes of each setup arm as one actuator."""
+    place = system.io(cart.io).place(cart.robot)
+    names = tuple(f"brakes of plug {plug}" for plug in range(1, len(place.robot.actuators) + 1))
+    return Subject(cart.io, place.robot, place.row, place.axes, tuple(place.drives), cart.name, SETUP, names, (), ())
 
 
 def _of(system: SystemConfig, io: IoConfig) -> list[Subject]:

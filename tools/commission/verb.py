@@ -25,7 +25,7 @@ from trocar.tools.commission.person import AtTerminal, Declined, Person
 from trocar.tools.commission.person_sim import AtBoards
 from trocar.tools.commission.report import CommissionReport, fingerprint
 from trocar.tools.commission.stages import NAMES, STAGES, CommissionStage
-from trocar.tools.commission.subject import carts_of, subjects_of
+from trocar.tools.commission.subject import carts_of, setup_subject, subjects_of
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, note, table, tell
 from trocar.tools.systems.find import supervisor_of, system_file, unknown
@@ -39,6 +39,7 @@ EASY: Final = ("io.period_s=0.002", "arm.period_s=0.002")  # on emulated boards,
 CALIBRATING: Final = "calibration_mode=true"
 EASY_LATE: Final = "late_s=0.5"
 HELD: Final = "friction=10"  # a simulated person only sets positions; released, the arm must not sink in between
+NOMINAL: Final = "its IO file still has nominal current offsets"
 REHEARSALS: Final = 4  # of a stage in real time, while it stops
 
 
@@ -201,24 +202,39 @@ def _due(job: Job, book: CommissionReport, files: str, wanted: str) -> list[Comm
                           "--stage it continues there")
     for what, stage in _lacks(job):
         if due and not (due := [row for row in due if row in STAGES[: NAMES.index(stage) + 1]]):
-            raise Problem(f"{what}: use the file that stage {stage} has written (--stage {stage} repeats it)")
+            raise Problem(what)
     return due
 
 
 def _lacks(job: Job) -> list[tuple[str, str]]:
-    """Values without which no motor may be driven, with the stage that measures them; none for setup joints alone."""
+    """Values without which no motor or brake may be driven, with the remedy, and the last stage that needs none.
+
+    Setup joints alone wait for no value of an arm.
+    """
     found: list[tuple[str, str]] = []
     document = job.document
-    if job.arms and not subjects_of(document, job.arms):
-        return []
-    for robot in (subject.robot for subject in subjects_of(document) if subject.arm):
-        if robot.hardware != "dRA1" and are_nominal([part.current_to_bits.offset for part in robot.actuators]):
-            found.append((f"{robot.name}: its IO file still has nominal current offsets", "currents"))
+    are_arms = not job.arms or bool(subjects_of(document, job.arms))
+    for robot in (subject.robot for subject in subjects_of(document) if subject.arm and are_arms):
+        if _has_nominal_offsets(robot):
+            found.append((f"{robot.name}: {NOMINAL}: {_use('currents')}", "currents"))
         if _has_no_table(robot):
-            found.append((f"{robot.name}: its potentiometers still have no table", "tables"))
-    if is_calibrating(document):  # potentiometers are not compared with encoders: no joint controller
-        found.append(("these files still lack calibrated values, and no arm homes in calibration mode", "calibrate"))
+            found.append((f"{robot.name}: its potentiometers still have no table: {_use('tables')}", "tables"))
+    for robot in (setup_subject(document, cart).robot for cart in carts_of(document, job.arms)):
+        if _has_nominal_offsets(robot):
+            found.append((f"{robot.name}: {NOMINAL}: no stage measures those of setup joints, calibrate them with the "
+                          "dVRK's own program (--arm NAME commissions an arm without them)", "currents"))
+    if are_arms and is_calibrating(document):  # potentiometers are not compared with encoders: no joint controller
+        found.append(("these files still lack calibrated values, and no arm homes in calibration mode: "
+                      + _use("calibrate"), "calibrate"))
     return found
+
+
+def _use(stage: str) -> str:
+    return f"use the file that stage {stage} has written (--stage {stage} repeats it)"
+
+
+def _has_nominal_offsets(robot: Robot) -> bool:
+    return robot.hardware != "dRA1" and are_nominal([part.current_to_bits.offset for part in robot.actuators])
 
 
 def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage], as_json: bool) -> int:

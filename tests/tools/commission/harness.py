@@ -14,7 +14,7 @@ from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.tools.commission.bench import CommandOutcome
 from trocar.tools.commission.person_sim import PersonSim
-from trocar.tools.commission.subject import Subject, carts_of, subjects_of
+from trocar.tools.commission.subject import Subject, carts_of, setup_subject, subjects_of
 from trocar.tools.commission.window import FIELDS, Window
 
 
@@ -42,6 +42,8 @@ class Hands(PersonSim):
             self._faults.support(text, bool(values[0]))
         elif command == "press":
             self._faults.press(text, bool(values[0]))
+        elif command == "emergency_stop":
+            self._faults.stop(bool(values[0]))
         else:
             raise AssertionError(command)
 
@@ -57,9 +59,11 @@ class RigBench:
                              sets=["io.period_s=0.008", "emulation.period_s=0.004", *sets])
         assert loaded.system is not None, loaded.errors
         self.document = loaded.system
-        self.harness = BoardsHarness(loaded.system, driven=True)
+        name = loaded.system.ios[0].name if loaded.system.carts else ""  # with what setup joints add to it
+        self.harness = BoardsHarness(loaded.system, name, driven=True)
         self.faults = BoardFaults(self.harness.world, self.harness.plant)
         self.subjects, self.carts = subjects_of(loaded.system), carts_of(loaded.system)
+        self.setups = tuple(setup_subject(loaded.system, cart) for cart in self.carts)
         self.shown: list[tuple[str, list[float]]] = []
         """Poses that the web console shows meanwhile, since start."""
         self.person = Hands(self.harness, self.faults)

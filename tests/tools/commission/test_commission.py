@@ -327,12 +327,13 @@ def test_report_files_and_versions_are_packed_into_one_archive(
 
 
 
-def test_setup_joints_alone_wait_for_no_value_of_an_arm() -> None:
+def test_setup_joints_alone_wait_for_no_value_of_an_arm_but_for_those_of_their_brakes(tmp_path: Path) -> None:
     loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")])
     demo = load_system(DEMO, boards="emulated").system
     assert loaded.system is not None and demo is not None
-    ios = tuple(replace(io, calibration_mode=True) for io in (*demo.ios, *loaded.system.ios))
-    both = replace(demo, carts=loaded.system.carts, ios=ios)
+    others = tuple(replace(io, name="IO2") for io in loaded.system.ios)
+    ios = tuple(replace(io, calibration_mode=True) for io in (*demo.ios, *others))
+    both = replace(demo, carts=tuple(replace(cart, io="IO2") for cart in loaded.system.carts), ios=ios)
     assert [subject.name for subject in subjects_of(both)] == ["PSM1"] and not subjects_of(both, ["SUJ"])
     assert [cart.name for cart in carts_of(both)] == ["SUJ"] == [cart.name for cart in carts_of(both, ["SUJ"])]
     assert not carts_of(both, ["PSM1"]) and not carts_of(demo)
@@ -341,3 +342,17 @@ def test_setup_joints_alone_wait_for_no_value_of_an_arm() -> None:
         return [stage for _, stage in verb._lacks(verb.Job(StartRequest(DEMO, "x"), both, list(arms), None, False))]
 
     assert "calibrate" in lacks() and "calibrate" in lacks("PSM1") and lacks("SUJ") == []
+    (place,) = (place for io in both.ios for place in io.places if place.robot.name == "SUJ")
+    same = tuple(replace(one, current_to_bits=replace(one.current_to_bits, offset=32768.0))
+                 for one in place.robot.actuators)
+    nominal = replace(place.robot, actuators=same)
+    both = replace(both, ios=tuple(replace(io, robots=tuple(nominal if robot.name == "SUJ" else robot
+                                                            for robot in io.robots)) for io in both.ios))
+    assert lacks("SUJ") == ["currents"] and "currents" not in lacks("PSM1")
+    job = verb.Job(StartRequest(DEMO, "x"), both, ["SUJ"], None, False)
+    book = verb.CommissionReport(tmp_path / "book.json", DEMO.name)
+    assert [row.name for row in verb._due(job, book, "", "")] == ["scan", "read", "power", "currents"]
+    for stage in NAMES[:4]:
+        book.add(stage, Outcome(), 1.0, "real", "")
+    with pytest.raises(Problem, match=r"SUJ: .* nominal current offsets: no stage measures those of setup joints"):
+        verb._due(replace(job, document=replace(both, emulation=None)), book, "", "")

@@ -18,9 +18,21 @@ from trocar.procs.host.objects import RememberedObjects
 from trocar.tools.commission import setup_joints
 from trocar.tools.commission.bench import SetupReadings
 from trocar.tools.commission.finding import Outcome
-from trocar.tools.commission.person import Declined, Settle
+from trocar.tools.commission.person import Act, Declined, Settle
 from trocar.tools.commission.person_sim import PersonSim
-from trocar.tools.commission.setup_judge import MeasuredPose, SetupSubject, judge_poses, judge_rest, lines
+from trocar.tools.commission.setup_judge import (
+    MIN_WAY,
+    RESIDUAL,
+    SHARE,
+    MeasuredPose,
+    SetupSubject,
+    judge_poses,
+    judge_pots,
+    judge_rest,
+    lines,
+)
+from trocar.tools.commission.subject import Subject
+from trocar.tools.output.errors import Problem
 
 pytestmark = pytest.mark.slow
 
@@ -38,14 +50,19 @@ class SetupPerson(PersonSim):
     def __init__(self, rig: SetupRig) -> None:
         super().__init__(rig.order, lambda subject: np.zeros(0))
         self.arm, self.dice, self.typing = "", np.random.default_rng(0), lambda pose, values: values
-        self.confirmed: list[str] = []
+        self.confirmed, self.dangers, self.requests = list[str](), list[str](), list[str]()
         self.typed: list[np.ndarray] = []
 
     def confirm(self, danger: str, word: str) -> None:
         self.confirmed.append(word)
+        self.dangers.append(danger)
 
     def agrees(self, question: str) -> bool:
         return question.startswith(f"SUJ/{self.arm}:")
+
+    def doing(self, act: Act, text: str) -> Iterator[None]:
+        self.requests.append(text)
+        return super().doing(act, text)
 
     def report(self, line: str) -> None:
         pass
@@ -83,10 +100,11 @@ class SetupRig:
     def setup_readings(self, cart: object) -> SetupReadings:
         return SetupReadings.of(self.cart.field)
 
-    def enable_setup(self, cart: object) -> None:
+    def enable(self, subject: Subject) -> None:
+        assert subject.arm == "SUJ" and subject.is_setup
         self.cart.enable()
 
-    def disable_setup(self, cart: object) -> None:
+    def disable(self, subject: Subject) -> None:
         self.cart.say("state_command", "disable")
         self.cart.run(0.1)
 
@@ -283,6 +301,55 @@ def test_nothing_has_power_before_the_name_is_typed(
     assert not rig.cart.harness.record.power_requested.any()
 
 
+@pytest.mark.parametrize("ends", [Problem("PSM1 is gone"), Declined("the input has ended"), TimeoutError("no answer")])
+def test_arms_that_passed_are_written_although_the_next_one_ended_the_stage(
+        rig: SetupRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: Exception) -> None:
+    monkeypatch.setattr(rig.person, "agrees", lambda question: "ECM" in question or "PSM1" in question)
+    measured = rig.person.measured
+
+    def measures(question: str, act: Settle) -> tuple[float, ...]:
+        if act.arm == "PSM1":
+            raise ends
+        return measured(question, act)
+
+    monkeypatch.setattr(rig.person, "measured", measures)
+    dice = np.random.default_rng(5)
+    rig.hide("ECM", dice)
+    outcome = rig.run("", dice, tmp_path)
+    assert str(ends) in str(outcome.problems[0]) and "new values of ECM" in outcome.notes[-1]
+    (path,) = tmp_path.iterdir()
+    assert outcome.files == [path] and _written(path, "ECM") != _written(Path(rig.cart.cart.source), "ECM")
+    assert not rig.cart.harness.record.powered.any()
+
+
+@pytest.mark.parametrize("write", [True, False])
+def test_a_file_that_could_not_be_written_is_refused_before_the_confirmation(
+        rig: SetupRig, tmp_path: Path, write: bool) -> None:
+    yaml = tmp_path / "suj.yaml"
+    rig.carts = (replace(rig.cart.cart, source=str(yaml)),) if write else rig.carts
+    with pytest.raises(Problem, match="is no JSON" if write else "no file can be written"):
+        setup_joints.run(rig, tmp_path if write else tmp_path / "absent", write=write)  # type: ignore[arg-type]
+    assert rig.person.confirmed == []
+
+
+def test_the_person_is_warned_of_the_column_that_moves_and_of_calibration_mode(
+        rig: SetupRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rig.person, "agrees", lambda question: "PSM2:" in question or "PSM3:" in question)
+    assert rig.run("", np.random.default_rng(0), tmp_path).problems == []
+    (danger,) = rig.person.dangers
+    for words in ("motor_up and motor_down move the column of PSM3", "PSM3 can sink", "mains switch within reach",
+                  "with the emergency stop within reach", "keyboard only while all clutches are released"):
+        assert words in danger
+    assert "calibration mode" not in danger
+    assert ["only with its clutch released" in text for text in rig.person.requests] == [False] * 3 + [True] * 3
+    still = replace(rig.cart.cart, arms=tuple(replace(arm, lifts=False) for arm in rig.cart.cart.arms))
+    rig.carts = (still,)
+    rig.document = replace(rig.document, ios=tuple(replace(io, calibration_mode=True) for io in rig.document.ios))
+    monkeypatch.setattr(rig.person, "agrees", lambda question: False)
+    assert rig.run("", np.random.default_rng(0), tmp_path).problems == []
+    assert "column of" not in rig.person.dangers[1] and "in calibration mode: any program" in rig.person.dangers[1]
+
+
 def test_typed_values_that_cannot_be_and_voltages_that_change_at_rest_are_refused(rig: SetupRig) -> None:
     arm = SetupSubject(rig.cart.cart, 1, 6)
     first, second = setup_joints.about(arm, []), setup_joints.about(arm, [None])  # type: ignore[list-item]
@@ -309,6 +376,29 @@ def test_typed_values_that_cannot_be_and_voltages_that_change_at_rest_are_refuse
     assert "the arm has moved" in str(judge_rest(spread, arm, moved=True)[0])
     spread[0, 0, 0] = 1.0  # of another arm
     assert "secondary" in str(judge_rest(spread, arm)[0])
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("at", range(3))
+@pytest.mark.parametrize("joint", range(6))
+def test_no_value_mistyped_by_more_than_the_page_says_passes(joint: int, at: int, sign: float) -> None:
+    arm = SetupSubject(Cart().cart, 1, 6)
+    pots = (arm.row.primary, arm.row.secondary)
+    way = np.where(np.arange(6) == joint, MIN_WAY, 1.5 * np.array(MIN_WAY))  # shorter ways hide more
+    for share in np.linspace(0.2, 0.8, 61):
+        shares = np.linspace(0.38, 0.62, 6)
+        shares[joint] = share
+        true = np.array([0.3 * (np.arange(6) == 0), way + 0.3 * (np.arange(6) == 0), shares * way])
+        true[2, 0] += 0.3
+        middle = np.where(np.arange(6) == 0, 0.0, 0.5 * way)
+        volts = np.zeros((3, 4, 2, 6))
+        for which, rows in enumerate(pots):
+            scales, offsets = np.array(rows).T
+            volts[:, 1, which] = (true - middle - offsets) / scales
+        typed = true - middle
+        typed[at, joint] += sign * 3.5 * RESIDUAL[joint]
+        poses = [MeasuredPose(row, row_v) for row, row_v in zip(typed, volts, strict=True)]
+        assert judge_poses(poses, arm) or judge_pots(poses, arm), (share, SHARE)
 
 
 def test_the_line_is_that_of_the_original() -> None:
