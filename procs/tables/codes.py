@@ -18,7 +18,8 @@ BAD_READS: Final = Code(
     "bad-reads", ERROR, "io", "no good sample from the controllers within the watchdog time",
     "check the cable and the controllers' supply, then trocar home NAME", 1, POWER_OFF, "s")
 READ_MISSED: Final = Code(
-    "read-missed", WARNING, "io", "a read of the controllers failed; the last output is repeated and fades out",
+    "read-missed", WARNING, "io",
+    "a read of the controllers failed; the last efforts are sent again, and decay until a read succeeds",
     "harmless if rare; if frequent, check the cable and the controller", 2, NOTHING, "s")
 CURRENT: Final = Code(
     "current", ERROR, "io", "measured motor current above its limit for more than 100 cycles",
@@ -56,7 +57,7 @@ WATCHDOG_UNCONFIRMED: Final = Code(
     "power stays off until it does; check the controller's cable and supply", 33, NOTHING)
 FIRMWARE_UNKNOWN: Final = Code(
     "firmware-unknown", WARNING, "io", "unknown firmware; its data look like Rev 9's",
-    "load Rev 9; until io.unknown_firmware is set, power is refused (docs/boards.md)", 34, NOTHING)
+    "load firmware Rev 9, or set io.unknown_firmware to power it anyway (docs/boards.md)", 34, NOTHING)
 AMPLIFIER: Final = Code(
     "amplifier", ERROR, "io, arm, suj", "an amplifier is off although it should be on",
     "check the motor cable (short circuit?) and the amplifier's temperature, then trocar home NAME", 13, POWER_OFF)
@@ -71,7 +72,7 @@ ARM_LOST: Final = Code(
     "if it does not resume by itself: trocar start NAME; if in doubt, power off", 16, NOTHING, "s")
 ARM_LOST_POWER_OFF: Final = Code(
     "arm-lost-power-off", ERROR, "io", "the arm's process did not come back; power was switched off",
-    "trocar restart NAME, then trocar home NAME; io.arm_lost_power_off_s sets this time", 17, POWER_OFF, "s")
+    "trocar restart NAME, then trocar home NAME; io.arm_lost_power_off_s sets how long io waits", 17, POWER_OFF, "s")
 BIAS_FAILED: Final = Code(
     "bias-failed", ERROR, "io", "an encoder did not take the value it was set to",
     "trocar home NAME again; if it recurs, check encoder, cable and controller", 18, NOTHING, JOINT, "set to")
@@ -186,7 +187,8 @@ COMMAND_REFUSED: Final = Code(
     "command-refused", WARNING, "arm, suj, teleop", "a command was refused and had no effect",
     "do what the message says; trocar send NAME lists the commands of NAME")
 OWN_STATE: Final = Code(
-    "own-state", WARNING, "arm", "a derived arm's state requested something impossible: it has ended, the arm holds",
+    "own-state", WARNING, "arm",
+    "a state of a derived arm requested something impossible; that state has ended, the arm holds",
     "change the state's code as the message says (docs/derived-arms.md)")
 NOT_READY: Final = Code(
     "not-ready", WARNING, "arm", "a motion command or a clutch press was ignored, as the arm is not homed",
@@ -225,7 +227,7 @@ STREAM_JUMP: Final = Code(
     "begin the stream at the arm's present setpoint, or use move_jp or move_cp")
 STREAM_REFUSED: Final = Code(
     "stream-refused", WARNING, "arm", "goals were refused: the stream was stopped, or another program is streaming",
-    "if yours was stopped, pause for 0.5 s; else first stop the other program's stream (hold)")
+    "if your stream was stopped, send no goals for 0.5 s; else stop the other program's first, by the command hold")
 SPEED_LIMITED: Final = Code(
     "speed-limited", WARNING, "arm", "a stream exceeds the maximum speed of a joint; the arm lags behind it",
     "stream more slowly: make each goal differ less from the one before")

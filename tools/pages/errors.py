@@ -23,11 +23,11 @@ and `trocar status` add the remedy of this page; there the name of the arm or pr
 OF_IO = """
 ## What I/O does
 
-Each fault in this table has a number; missing numbers are not in use. Its event has the robot, the axis (counted from
-0; brakes are numbered after the actuators), the measured value and the limit. If several faults occur in one cycle, all
+Each fault in the table below has a number; numbers missing there are not in use. Its event has the robot, the axis
+(counted from 0; brakes are numbered after the actuators), the measured value and the limit. If several faults occur in one cycle, all
 are reported. The first one that switches something off is latched: its number is in the field `fault` of `IO1/state`.
-Until power is switched on again, which clears the latch, faults that switch something off are reported only once, and
-the joint controller cannot be switched on.
+Switching power on again clears the latch. Until then the joint controller cannot be switched on, and a fault that
+switches something off is reported once, not in every cycle. "Continues" concerns I/O: the arm may hold, or stay off.
 
 | number | code | I/O does |
 |---|---|---|

@@ -26,7 +26,7 @@ def check(
         metavar="FILES...", help="System files, or any file that a system file refers to.")] = None,
     path: PathOption = None,
     boards: Annotated[str | None, typer.Option(
-        "--boards", help="Check for `emulated` or `real` boards; default: as in the files.")] = None,
+        "--boards", help="Boards to check for, `emulated` or `real`; default: those in the files.")] = None,
     sets: SetOption = None,
     schema: Annotated[str, typer.Option(
         "--schema", metavar="KIND", help="Print the JSON Schema of a kind of file: system, io, pid, psm, …")] = "",

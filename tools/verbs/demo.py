@@ -50,7 +50,7 @@ UNITS = {"mm": "mm", "deg": "°", "ms": "ms"}
 
 def demo(
     seconds: Annotated[float, typer.Option(
-        "--for", min=0.0, help="Seconds of the system's time to follow; 0: until Ctrl-C.")] = 0.0,
+        "--for", min=0.0, help="Length of the following, in seconds of the system's time; 0: until Ctrl-C.")] = 0.0,
     clock: ClockOption = "",
     listen: Annotated[str, typer.Option(
         "--listen", metavar="ADDRESS", help="Address of the web console, e.g. 0.0.0.0:8080; browsers on other machines "
@@ -66,8 +66,8 @@ def demo(
     master.
 
     --for counts seconds of the system's time, by default simulated time, so the demo takes longer on a busy machine.
-    After a real time of 20 times --for plus one minute it gives up (with --for 0: never). Exit code 1: it gave up, an
-    error occurred, a process crashed, or the PSM did not follow. With --clock wall, latencies that are too long are
+    It gives up after 1 minute + 20 × --for of real time (with --for 0: never). Exit code 1: it gave up, an error
+    occurred, a process crashed, or the PSM did not follow. With --clock wall, latencies that are too long are
     printed, but do not change the exit code.
 
     Example: trocar demo --for 10

@@ -18,7 +18,7 @@ from trocar.tools.verbs.options import JsonOption, SystemOption
 Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; default: all arms of the system.")]
 DOING = {ENABLED: "power-on", HOMED: "homing", DISABLED: "power-off"}
 Timeout = Annotated[float, typer.Option(
-    "--timeout", min=0.0, help="Seconds to wait for each step; 0: 60 s to home, 7 s to enable or disable.")]
+    "--timeout", min=0.0, help="Seconds to wait for each step; 0: as usual, 60 s to home, 7 s to switch on or off.")]
 
 
 def power_on(arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False,
@@ -31,10 +31,11 @@ def power_on(arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = Fa
 
 
 def home(arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False, system: SystemOption = None) -> int:
-    """Home the arms; those that are not enabled are enabled first. Arms move!
+    """Home the arms; those that are not enabled are enabled first. Arms may move!
 
     A master drives its roll to the lower stop, then moves all joints to zero. Other arms stay where they are; with
-    `homing_zero_position` in the arm file they move to zero. A PSM engages an adapter or instrument attached since.
+    `homing_zero_position` in the arm file they move to zero. A PSM also engages its adapter and instrument, unless that
+    is done.
 
     Example: trocar home
     """

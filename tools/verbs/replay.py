@@ -53,8 +53,8 @@ def replay(
 
     With --as, the records appear as a read-only system, for list, echo, scope and bridges.
 
-    With --fresh, a run in simulated time is repeated from its start in a new system, and compared with the recording
-    bit for bit. Exit code 1: they differ.
+    With --fresh, a recorded run is repeated from its start in a new system, and compared with the recording bit for
+    bit; the recorded run must have used simulated time. Exit code 1: they differ.
 
     Example: trocar replay monday.mcap --arms PSM1 --speed 0.5
 

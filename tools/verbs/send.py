@@ -24,14 +24,15 @@ def send(
     arguments: Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", help="Numbers and text.")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Wait for completion.")] = False,
     timeout: Annotated[float | None, typer.Option(
-        "--timeout", min=0.0, help="Seconds to wait for an answer; default: 2, with --wait 60.")] = None,
+        "--timeout", min=0.0, help="Seconds to wait for an answer; default: 2, or 60 if --wait is given.")] = None,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
     """Send a command and print the reply. Numbers are in rad, m, s and N; some commands also take text.
 
     Without a command: list the commands of the component. An effort or wrench that is sent only once ends after 0.1 s
-    (arm.effort_timeout_s). An effort of zero frees the arm until its next command: only its weight is compensated.
+    (arm.effort_timeout_s). An effort of zero does not end: it leaves the arm free, with only its
+    weight compensated, until the arm's next command.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """
