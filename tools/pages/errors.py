@@ -24,10 +24,11 @@ OF_IO = """
 ## What I/O does
 
 Each fault in the table below has a number; numbers missing there are not in use. Its event has the robot, the axis
-(counted from 0; brakes are numbered after the actuators), the measured value and the limit. If several faults occur in one cycle, all
-are reported. The first one that switches something off is latched: its number is in the field `fault` of `IO1/state`.
-Switching power on again clears the latch. Until then the joint controller cannot be switched on, and a fault that
-switches something off is reported once, not in every cycle. "Continues" concerns I/O: the arm may hold, or stay off.
+(counted from 0; brakes are numbered after the actuators), the measured value and the limit. If several faults occur in
+one cycle, all are reported. The first one that switches something off is latched: its number is in the field `fault` of
+`IO1/state`. Switching power on again clears the latch. Until then the joint controller cannot be switched on, and a
+fault that switches something off is reported once, not in every cycle. "Continues" concerns I/O: the arm may hold, or
+stay off.
 
 | number | code | I/O does |
 |---|---|---|
