@@ -29,7 +29,7 @@ from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.mailbox.received import Request
 
 POSE: Final = 7
-LONGEST_NS: Final = 30_000_000  # between goals of a stream
+GAP_NS: Final = 30_000_000  # between goals of a stream
 SHOWN_NS: Final = 33_000_000
 NEAR_S: Final = 0.02
 """A stream that was stopped by a wall has caught up when its goal is so near, in s at the largest speed."""
@@ -122,7 +122,7 @@ class Walls:
         Back from a wall, the goal is approached at the speeds of moves.
         """
         limits, n = self._limits, self._count
-        passed_ns, self._allowed_ns = min(now_ns - self._allowed_ns, LONGEST_NS), now_ns
+        passed_ns, self._allowed_ns = min(now_ns - self._allowed_ns, GAP_NS), now_ns
         if limits is None or not self.guards:
             self.forget()
             return ""
