@@ -18,7 +18,7 @@ from trocar.procs.arm.joints import JointSpace
 from trocar.procs.arm.reports import REPORT_NS, ArmReports
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.document.walls import BASE, FRAMES, PARTS, REFERENCE, SHAPES, SIDES, SIZES, Wall
-from trocar.procs.kinematics.poses import Array, given_pose, pose_from_matrix
+from trocar.procs.kinematics.poses import Array, pose_from_matrix
 from trocar.procs.kinematics.walls.body import CAMERA, THICK, THIN, ArmBody
 from trocar.procs.kinematics.walls.walls import MOST, SLOWING_S, ArmWalls, objection_to, pose_of
 from trocar.procs.native.library import native
@@ -186,8 +186,8 @@ class Walls:
             return ""
         limits.look()
         beyond = limits.value.ravel().item(pair - 1)
-        how = f", and {-1e3 * beyond:.1f} mm beyond it at the end" if beyond < 0.0 else ""
-        return f"wall {self._name_of(pair)} is in the way after {100.0 * limits.share.item():.0f} % of it{how}"
+        end = f"; the goal is {-1e3 * beyond:.1f} mm beyond it" if beyond < 0.0 else ""
+        return f"wall {self._name_of(pair)} is in the way, {100.0 * limits.share.item():.0f} % along the path{end}"
 
     def push(self, position: Array, velocity: Array, effort: Array) -> None:
         """Add the efforts of soft walls to those of the joints (size,), at measured positions and velocities (size,).
@@ -220,7 +220,7 @@ class Walls:
             raise CommandRefused(f"{MOST} walls are the most, with all of the system file")
         if why := objection_to(wall, self._arm.type) or self._too_slow():
             raise CommandRefused(why)
-        self._kept.append(KeptWall(wall, given_pose(request.values[:POSE]), by_command=True))
+        self._kept.append(KeptWall(wall, pose_of(wall), by_command=True))
 
     def remove(self, request: Request) -> None:
         """Without the wall of this name."""

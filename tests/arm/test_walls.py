@@ -15,7 +15,8 @@ from tests.arm.fake_io import PERIOD_NS, ArmHarness
 from tests.arm.test_psm import DEEP, at
 from trocar.procs.document.walls import Wall
 from trocar.procs.kinematics.poses import pose_from_matrix
-from trocar.procs.native.library import native
+from trocar.procs.kinematics.walls.walls import MOST
+from trocar.procs.native.library import NativeLibrary, native
 from trocar.procs.tables.arm_types import base_name
 
 pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
@@ -321,3 +322,16 @@ def test_an_arm_inside_a_cone_slows_down_before_its_side() -> None:
     assert float(made.state["setpoint_position"][0]) == pytest.approx(0.3, abs=1e-4)
     steps = np.diff(angles)
     assert steps.max() > 0.001 and steps[-1] < 0.2 * steps.max()
+
+
+def test_where_numpy_would_be_too_slow_there_are_no_walls(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trocar.procs.arm.walls.native", lambda: NativeLibrary(None, "it is not compiled"))
+    made = harness()
+    refused = made.send("add_wall", (0.0, 0.0, -0.2, 0.0, 0.0, 0.0, 1.0), "floor plane")
+    assert refused.outcomes == ["refused"] and "it is not compiled" in refused.replies[-1][1]
+    with pytest.raises(ValueError, match="it is not compiled"):
+        harness(FLOOR)
+
+
+def test_the_record_has_room_for_all_walls_of_an_arm() -> None:
+    assert {len(harness().walls[name]) for name in ("name", "pose", "distance", "active")} == {MOST}

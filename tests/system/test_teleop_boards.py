@@ -97,6 +97,30 @@ def followed(operator: Surgeon) -> tuple[Array, Array]:
     return rows["mtm_measured_cp"][:, :3], rows["goal_cp"][:, :3]
 
 
+def test_a_slave_that_slides_along_a_wall_still_follows(operator: Surgeon) -> None:
+    operator.seat.ask("teleop_enable", 1)
+    operator.press("coag", True)
+    operator.waits_for("waiting: pinch or twist MTML's gripper a bit")
+    operator.pinch()
+    operator.follows()
+    centre, radius = np.array(operator.slave.value("local_setpoint_cp")[:3]), 0.004
+
+    def away() -> float:
+        return float(np.linalg.norm(np.array(operator.slave.value("local_setpoint_cp")[:3]) - centre))
+
+    with Remote(operator.robot.name, "PSM1") as slave:
+        slave.ask("add_wall", (*centre, 0.0, 0.0, 0.0, 1.0, radius), "ball sphere in tip")
+    operator.pull(0.04, 0.05, 0.03, 0.0)
+    wait_for(lambda: away() > 0.9 * radius, 60, "the slave at the wall")
+    for _ in range(20):
+        operator.robot.passes(0.02)
+        assert away() <= radius + 1e-6 and operator.teleop.is_following
+    operator.pull(0.03, -0.05, -0.03, 0.0)
+    wait_for(lambda: away() < 0.7 * radius, 60, "the slave to come back with the hand")
+    assert operator.teleop.is_following
+    operator.let_go()
+
+
 def test_the_slave_follows_a_hand_and_deaths_end_that(operator: Surgeon) -> None:
     robot = operator.robot
     operator.seat.ask("teleop_enable", 1)

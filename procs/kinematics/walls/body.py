@@ -57,11 +57,6 @@ class ArmBody:
         """Whether this body has a part, or any of it."""
         return bool((self.parts & PART_BITS[part]).any())
 
-    @property
-    def known_parts(self) -> tuple[str, ...]:
-        """The parts that this body has."""
-        return tuple(part for part in PART_BITS if self.has(part))
-
 
 Spots = Sequence[tuple[int, Array]]
 
