@@ -198,8 +198,10 @@ class ArmLoop(runtime.Loop):
         self._resting = self._resting + 1 if self.arm.at_rest else 0
         self._setpoint.publish(now_ns)
         self._state.publish(now_ns)
-        if self.arm.control.walls.show(self.arm.control.here, now_ns):
+        walls = self.arm.control.walls
+        if walls.show(self.arm.control.here, now_ns):
             self._walls.publish(now_ns)
+            walls.answer()
         node.follow(int(self.written), BEHIND_IO_NS)
 
 

@@ -44,9 +44,10 @@ class Settings:
             "crtk_version": ArmCommandRow(lambda _: CRTK_VERSION),
         }
 
-    def _change_walls(self, request: Request, change: Callable[[Request], None]) -> None:
+    def _change_walls(self, request: Request, change: Callable[[Request], None]) -> str:
         change(request)
         self._control.place_walls()
+        return self._control.walls.answer_later(request)
 
     def _set_ratios(self, v: float, a: float) -> None:
         control = self._control

@@ -23,7 +23,7 @@ from trocar.procs.kinematics.walls.body import CAMERA, THICK, THIN, ArmBody
 from trocar.procs.kinematics.walls.walls import MOST, SLOWING_S, ArmWalls, objection_to, pose_of
 from trocar.procs.native.library import native
 from trocar.procs.node.inputs import Fields
-from trocar.procs.node.requests import CommandRefused
+from trocar.procs.node.requests import ANSWERED, CommandRefused
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.mailbox.received import Request
@@ -74,6 +74,7 @@ class Walls:
         self._shown_ns, self._shown = 0, ("", b"")
         self.is_news = True
         """The record has changed."""
+        self._unanswered: list[Request] = []
 
     def use(self, joints: JointSpace) -> None:
         """Use another joint space."""
@@ -230,6 +231,17 @@ class Walls:
             raise CommandRefused(f"no wall {name}; there are: {', '.join(self.names) or 'none'}")
         self._kept = there
         self.forget()
+
+    def answer_later(self, request: Request) -> str:
+        """A change is answered when the record that outlives this process has it."""
+        self._unanswered.append(request)
+        return ANSWERED
+
+    def answer(self) -> None:
+        """The record is published."""
+        for request in self._unanswered:
+            request.done()
+        self._unanswered.clear()
 
     # the record
 

@@ -318,7 +318,8 @@ class ArmHarness:
                 request.origin = Origin(PERSON.id, self.io.cell.valid_from, PERSON.program)
         self.io.cycle(self.now_ns, self.setpoint)
         self.arm.step(self.now_ns, self.io.stamp_ns, self.io.epoch, requests)
-        self.arm.control.walls.show(self.arm.control.here, self.now_ns)
+        if self.arm.control.walls.show(self.arm.control.here, self.now_ns):
+            self.arm.control.walls.answer()
 
     def run(self, seconds: float) -> None:
         """Let time pass."""

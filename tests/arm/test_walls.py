@@ -12,6 +12,7 @@ from hypothesis import strategies as some
 
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
+from tests.arm.fake_requests import FakeRequest
 from tests.arm.test_psm import DEEP, at
 from trocar.procs.document.walls import Wall
 from trocar.procs.kinematics.poses import pose_from_matrix
@@ -335,3 +336,12 @@ def test_where_numpy_would_be_too_slow_there_are_no_walls(monkeypatch: pytest.Mo
 
 def test_the_record_has_room_for_all_walls_of_an_arm() -> None:
     assert {len(harness().walls[name]) for name in ("name", "pose", "distance", "active")} == {MOST}
+
+
+def test_a_wall_is_acknowledged_once_the_record_that_outlives_the_process_has_it() -> None:
+    made = harness()
+    request = FakeRequest("add_wall", (0.0, 0.0, -0.2, 0.0, 0.0, 0.0, 1.0), "floor plane")
+    made.arm.step(made.now_ns, made.io.stamp_ns, made.io.epoch, (request,))
+    assert request.outcomes == [] and made.walls["count"] == 0
+    made.step()
+    assert request.outcomes == ["done"] and made.walls["count"] == 1
