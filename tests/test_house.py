@@ -223,7 +223,6 @@ def watch(event, arguments):
 sys.addaudithook(watch)
 threads = threading.active_count()
 import importlib
-import ifaddr  # of NiceGUI; its import asks where libc is
 failed = []
 for name in {modules!r}:
     del wrong[:]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-from fastapi import WebSocket
+from starlette.websockets import WebSocket
 
 from trocar.procs.crtk.calls import Calls, ClientCounts, CommandOwner
 from trocar.procs.crtk.held import HeldDown
@@ -56,7 +56,7 @@ class ConsoleService:
     is_over: Callable[[], bool]
     models: ArmModels
     run: str
-    """A name of this run of the server: pages of an earlier run reload."""
+    """Name of the pages that this server has: a page of another name is not its own."""
     generation: Callable[[], int]
     """Number of faults of the system so far."""
     ticks: Ticks = field(default_factory=Ticks)

@@ -2,7 +2,7 @@
 
 Between two cycles it serves browsers: pages, and the connection `/live` that each page has for its data and commands.
 Once a cycle it sends each page its data. After a stall of `late_s` it disconnects all: their requests from the stall
-are out of date. The pages of NiceGUI exist once in a process, so the loop continues.
+are out of date.
 """
 
 from __future__ import annotations
@@ -14,24 +14,23 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import Any, Final
 
 import uvicorn
-from fastapi import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from trocar.procs.crtk.calls import owners_of
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.browsers import Browsers, ConsoleService
 from trocar.procs.gui.catalogue import sources_of
 from trocar.procs.gui.gate import Gate
-from trocar.procs.gui.pages.application import application
+from trocar.procs.gui.pages.application import application, name_of, texts_of_pages
 from trocar.procs.gui.scene_source import ArmModels
 from trocar.procs.machine.access import tls_of, token_in
 from trocar.procs.machine.paths import token_file
 from trocar.procs.node import runtime
 from trocar.procs.node.pacing import duration
 from trocar.procs.node.serving import ServingLoop
-from trocar.shm.time.clock import monotonic_ns
 
 BYTES: Final = 1 << 20
-"""Of a message, of those that NiceGUI sends as well."""
+"""Of a message."""
 STEP_S: Final = 0.01
 
 
@@ -50,18 +49,17 @@ class GuiLoop(ServingLoop):
         node, document, console = self.node, self.node.document, self.node.document.gui
         if console is None:
             raise ValueError("the system has no web console")
-        self._most, run = console.max_clients, f"{os.getpid()}-{monotonic_ns()}"
+        self._most, texts = console.max_clients, texts_of_pages(document)
         sources, models = node.hold(sources_of(document)), node.hold(ArmModels(document))
         self._browsers = node.hold(Browsers(ConsoleService(
-            document.name, owners_of(document), sources, node.pauses.is_over, models, run, node.faults().generation)))
+            document.name, owners_of(document), sources, node.pauses.is_over, models, name_of(texts),
+            node.faults().generation)))
         token, tls = token_in(console.token_file or _made_token(document)), tls_of(console)
-        pages = application(document, node.log)
-        pages.add_api_websocket_route("/live", self._live)
-        pages.router.routes.insert(0, pages.router.routes.pop())  # before the pages, which are mounted at /
+        pages = application(document, texts, self._live, node.log)
         self._server = _Server(uvicorn.Config(
             Gate(pages, token, bool(console.authorities), node.log), log_config=None, access_log=False,
             proxy_headers=False, server_header=False, loop="none", http="h11", ws="websockets-sansio",
-            ws_max_size=BYTES, lifespan="on", timeout_graceful_shutdown=1,
+            ws_max_size=BYTES, lifespan="off", timeout_graceful_shutdown=1,
             ssl_context_factory=(lambda config, make: tls) if tls is not None else None))
         self._task = asyncio.create_task(self._server.serve(sockets))
         while not self._server.started:

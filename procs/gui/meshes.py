@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from fastapi import Response
+from starlette.requests import Request
+from starlette.responses import Response
 
 from trocar.procs.document.arms import ArmConfig, Matrix
 from trocar.procs.document.system import SystemConfig
@@ -48,6 +49,10 @@ class MeshFiles:
     def __init__(self, document: SystemConfig, log: logging.Logger) -> None:
         self._files = {str(number): Path(file) for number, file in enumerate(mesh_files(document))}
         self._log, self._reported = log, set[str]()
+
+    async def answer(self, request: Request) -> Response:
+        """The file with the number in the path."""
+        return await self.file(request.path_params["number"])
 
     async def file(self, number: str) -> Response:
         """One by its number, or the reason why there is none, which is logged once."""

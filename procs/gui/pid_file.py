@@ -8,7 +8,8 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-from fastapi import Response
+from starlette.requests import Request
+from starlette.responses import Response
 
 from trocar.procs.gui.robots import IoRobot
 
@@ -24,6 +25,10 @@ class PidFiles:
 
     def __init__(self, system: str) -> None:
         self._system, self._one, self._asked = system, asyncio.Lock(), 0
+
+    async def answer(self, robot: IoRobot, _: Request) -> Response:
+        """The answer to a request for the file of a robot."""
+        return await self.file(robot)
 
     async def file(self, robot: IoRobot) -> Response:
         """The file of a robot, or the reason why there is none."""

@@ -31,7 +31,7 @@ class ExtraPackage:
 
 PACKAGES: Final = {row.module: row for row in (
     ExtraPackage("cyclonedds", "cyclonedds", "ros", "ROS", (3, 14), ("x86_64",)),
-    ExtraPackage("nicegui", "nicegui", "gui", "the web console"),
+    ExtraPackage("starlette", "starlette", "gui", "the web console"),
     ExtraPackage("ruckig", "ruckig", "jerk", "a jerk limit", machines=("x86_64",)),
     ExtraPackage("foxglove", "foxglove-sdk", "foxglove", "the Foxglove server"),
     ExtraPackage("gymnasium", "gymnasium", "rl", "an environment for learning"),

@@ -25,7 +25,7 @@ DEMO = ROOT / "configs" / "systems" / "demo-teleop.yaml"
 Records = Callable[[Robot, str, str], RingReader]
 HANDLE = """const stage = document.querySelector('.stage').stage; stage.draw();
 const at = stage.models.MTMR.handle.getWorldPosition(stage.camera.position.clone()).project(stage.camera);
-return [Math.round(at.x * stage.$el.clientWidth / 2), Math.round(-at.y * stage.$el.clientHeight / 2)]"""
+return [Math.round(at.x * stage.element.clientWidth / 2), Math.round(-at.y * stage.element.clientHeight / 2)]"""
 COLOURS = """const stage = document.querySelector('.stage').stage; stage.draw();
 const gl = stage.renderer.getContext(), w = gl.drawingBufferWidth, h = gl.drawingBufferHeight;
 const pixels = new Uint8Array(4 * w * h); gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
@@ -250,12 +250,13 @@ def test_a_tip_of_an_emulated_master_is_pulled_in_3d_and_let_go_with_its_view(ro
         tip = "document.querySelector('.stage').stage.models.MTMR.tip.position.toArray()"
         before = page.js(f"return {tip}")
         canvas = page.find(".stage canvas")
-        page.js("const { say } = window.trocar; window.said = [];"
-                "window.trocar.say = (message) => { window.said.push(message.command); say(message); };")
+        page.js("const { send } = WebSocket.prototype; window.said = [];"
+                "WebSocket.prototype.send = function (text) { window.said.push(JSON.parse(text).command);"
+                " send.call(this, text); }")
         drag = ActionChains(page.driver).move_to_element_with_offset(canvas, *where).click_and_hold()
         drag.move_by_offset(60, -60).perform()
         page.until(f"Math.hypot(...{tip}.map((v, i) => v - {before}[i])) > 0.01", 60)
-        page.js("document.querySelector('#app').__vue_app__.unmount()")
-        assert page.js("return window.said.at(-1)") == "release_tip"
+        page.js("window.dispatchEvent(new Event('pagehide'))")
+        assert page.js("return window.said.filter(Boolean).at(-1)") == "release_tip"
         ActionChains(page.driver).release().perform()
         assert page.wrongs() == []

@@ -181,4 +181,5 @@ def test_a_connection_needs_the_token_too() -> None:
 
 def test_nothing_is_fetched_from_elsewhere_and_no_page_frames_ours() -> None:
     policy = ask(HERE).headers["content-security-policy"]
-    assert "default-src 'self'" in policy and "http" not in policy and "frame-ancestors 'none'" in policy
+    assert "default-src 'none'" in policy and "script-src 'self';" in policy and "unsafe" not in policy
+    assert "http" not in policy and "frame-ancestors 'none'" in policy

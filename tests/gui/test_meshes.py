@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fastapi import Response
+from starlette.responses import Response
 
 from tests.config.test_meshes import STL, XACRO, description, link_at, loaded, model_checkout
 from tests.conftest import World

@@ -63,7 +63,7 @@ def test_a_jerk_limit_without_ruckig_is_an_error_before_anything_starts(monkeypa
 
 
 @pytest.mark.parametrize(("module", "section", "value"), [
-    ("cyclonedds", "ros", "{}"), ("nicegui", "gui", "{}"), ("foxglove", "foxglove", "{}")])
+    ("cyclonedds", "ros", "{}"), ("starlette", "gui", "{}"), ("foxglove", "foxglove", "{}")])
 def test_a_process_that_cannot_run_is_an_error_before_anything_starts(
         module: str, section: str, value: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     file = tmp_path / "robot.yaml"

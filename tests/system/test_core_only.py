@@ -11,7 +11,7 @@ from tests.system.robot import DEMO, Robot
 from trocar.procs.machine.extras import PACKAGES
 from trocar.procs.recordings.reading import open_recording
 
-ABSENT = sorted({*PACKAGES, "fastapi", "uvicorn", "starlette", "glfw"})
+ABSENT = sorted({*PACKAGES, "uvicorn", "glfw"})
 BLOCK = f"""
 import sys
 

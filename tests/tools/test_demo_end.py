@@ -91,10 +91,10 @@ def test_a_demo_without_the_console_package_has_no_console(is_there: bool, monke
     for name in ("web_addresses", "_bring_up"):
         monkeypatch.setattr(demo, name, lambda *_: [])
     monkeypatch.setattr(demo, "_operate", lambda *_: {"problems": []})
-    monkeypatch.setattr(demo, "missing", lambda _: "" if is_there else "the web console needs nicegui")
+    monkeypatch.setattr(demo, "missing", lambda _: "" if is_there else "the web console needs starlette")
     result = CliRunner().invoke(cli.build("demo"), ["demo", "--json"])
     assert any(value.startswith("gui") for value in requests[0].sets) == is_there
-    assert ("the web console needs nicegui" in result.stderr) != is_there
+    assert ("the web console needs starlette" in result.stderr) != is_there
     if not is_there:
         result = CliRunner().invoke(cli.build("demo"), ["demo", "--listen", "0.0.0.0:8080"])
         assert result.exit_code == 1 and len(requests) == 1

@@ -76,7 +76,7 @@ def demo(
     begin = monotonic_ns()
     end = begin + round((SLOWEST * seconds + AROUND_S) * 1e9) if seconds else None
     summary: dict[str, Any] = {"problems": []}
-    lacks = missing("nicegui")
+    lacks = missing("starlette")
     if lacks and listen:
         raise Problem(lacks)
     console = () if lacks else (f"gui.listen={listen}" if listen else "gui={}",)  # without an address: a free one

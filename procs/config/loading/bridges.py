@@ -31,7 +31,7 @@ from trocar.procs.document.recorder import Recorder
 from trocar.procs.machine.extras import missing
 from trocar.procs.machine.interfaces import lacks_interface
 
-MODULES: Final = {"ros": "cyclonedds", "gui": "nicegui", "foxglove": "foxglove"}
+MODULES: Final = {"ros": "cyclonedds", "gui": "starlette", "foxglove": "foxglove"}
 """The package that the process of a section needs."""
 
 

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 
-from fastapi import FastAPI
-from nicegui import app, ui
+import orjson
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket
 
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import BUTTONS, MESSAGES, PROCESSES, SCENE
 from trocar.procs.gui.meshes import MeshFiles
+from trocar.procs.gui.packed import FOREVER, ONCE, Packed
 from trocar.procs.gui.pages.arm import arm_page
-from trocar.procs.gui.pages.assets import STATIC, assets
+from trocar.procs.gui.pages.assets import MEDIA, asset_files, assets
 from trocar.procs.gui.pages.buttons import buttons_page
 from trocar.procs.gui.pages.console import console_page
 from trocar.procs.gui.pages.focus import focus_page
-from trocar.procs.gui.pages.frame import page
+from trocar.procs.gui.pages.frame import absent_page, page, pages_of
 from trocar.procs.gui.pages.pid import pid_page
-from trocar.procs.gui.pages.plots import plots_page
+from trocar.procs.gui.pages.plots import TOPICS, plots_page, topics_of
 from trocar.procs.gui.pages.processes import processes_page
 from trocar.procs.gui.pages.robot_io import io_page
 from trocar.procs.gui.pages.scene import MESHES, scene_page
@@ -46,6 +52,8 @@ def pages_of_system(document: SystemConfig) -> list[MadePage]:
         ("/plots", (), lambda: plots_page(document)),
         ("/processes", (PROCESSES,), processes_page),
     ]
+    linked = {path for _, path in pages_of(document)}
+    made = [row for row in made if row[0] in linked]
     made += [(f"/arm/{arm.name}", (MESSAGES, SCENE), partial(arm_page, document, arm)) for arm in document.arms]
     robots = robots_of(document)
     for section, content_of, found in (("io", io_page, with_actuators(robots)), ("pid", pid_page, with_gains(robots))):
@@ -54,23 +62,56 @@ def pages_of_system(document: SystemConfig) -> list[MadePage]:
     return made
 
 
-def application(document: SystemConfig, log: logging.Logger) -> FastAPI:
-    """The pages of a system."""
-    app.add_static_files(assets(), str(STATIC), max_cache_age=86400)
-    for path, wants, content in pages_of_system(document):
-        _add(document, path, wants, content)
-    outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+def texts_of_pages(document: SystemConfig) -> dict[str, bytes]:
+    """All pages by their paths; by "" the one for other paths."""
+    found = {}
+    for path, wants, content in [*pages_of_system(document), ("", (), absent_page)]:
+        with page(document, path, wants) as whole:
+            content()
+        found[path] = f"<!doctype html>{whole.html()}".encode()
+    return found
+
+
+def name_of(texts: dict[str, bytes]) -> str:
+    """Name of these pages: another one for a system, or a version, whose pages differ."""
+    return hashlib.sha256(b"".join(texts.values())).hexdigest()[:16]
+
+
+def application(document: SystemConfig, texts: dict[str, bytes], live: Callable[[WebSocket], Awaitable[None]],
+                log: logging.Logger) -> Starlette:
+    """The pages of a system, made before, their files, and their connection `live`."""
+    routes: list[BaseRoute] = [WebSocketRoute("/live", live)]
+    routes += [Route(path, Packed(text, "text/html", ONCE).answer) for path, text in texts.items() if path]
+    routes.append(Route(f"{assets()}/{{name:path}}", _Assets().answer))
+    routes.append(Route(f"{MESHES}/{{number}}", MeshFiles(document, log).answer))
     files = PidFiles(document.name)
     for robot in with_gains(robots_of(document)):
-        outer.add_api_route(f"/files{robot.path('pid')}.json", partial(files.file, robot), response_model=None)
-    outer.add_api_route(f"{MESHES}/{{number}}", MeshFiles(document, log).file, response_model=None)
-    ui.run_with(outer, title=f"Trocar {document.name}", dark=None, tailwind=False, show_welcome_message=False,
-                binding_refresh_interval=None, reconnect_timeout=5.0, message_history_length=0)
-    return outer
+        routes.append(Route(f"/files{robot.path('pid')}.json", partial(files.answer, robot)))
+
+    async def topics(_: Request) -> Response:
+        return Response(orjson.dumps(topics_of(document.name)), media_type="application/json",
+                        headers={"cache-control": ONCE})
+
+    absent = Packed(texts[""], "text/html", ONCE, status=404)
+
+    async def not_found(request: Request, _: Exception) -> Response:
+        return await absent.answer(request)
+
+    return Starlette(routes=[*routes, Route(TOPICS, topics)], exception_handlers={404: not_found})
 
 
-def _add(document: SystemConfig, path: str, wants: tuple[str, ...], content: Callable[[], None]) -> None:
-    @ui.page(path)
-    def show() -> None:
-        with page(document, path, wants):
-            content()
+class _Assets:
+    """Style and scripts, each read when it is first requested."""
+
+    def __init__(self) -> None:
+        self._read: dict[str, Packed] = {}
+
+    async def answer(self, request: Request) -> Response:
+        """The file of this name."""
+        name = request.path_params["name"]
+        if name not in self._read:
+            path = asset_files().get(name)
+            if path is None:
+                return Response("no such file", 404, media_type="text/plain")
+            self._read[name] = Packed(path.read_bytes(), MEDIA[path.suffix], FOREVER)
+        return await self._read[name].answer(request)

@@ -7,10 +7,11 @@ from typing import Final
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import SCENE, record
-from trocar.procs.gui.pages.assets import assets
-from trocar.procs.gui.pages.parts import Part, box, button, choice, columns, head, live, reason, state_buttons
+from trocar.procs.gui.pages.assets import script
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import box, button, choice, columns, head, live, reason, state_buttons
 from trocar.procs.gui.pages.poses import TURNS, axes, numbers, turned
-from trocar.procs.gui.pages.scene import ArmScene
+from trocar.procs.gui.pages.scene import arm_scene
 from trocar.procs.kinematics.endoscopes import NAMES
 from trocar.procs.tables.arm_types import ARM_TYPES
 
@@ -25,8 +26,8 @@ def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
     state = record(arm.name)
     slides = [link.joint_type == "prismatic" for link in arm.chain.links]
     slides += [False] * (ROOM - len(slides))
-    for script in ("arm.js", "tip.js"):
-        Part("script", type="module", src=f"{assets()}/{script}")
+    for name in ("arm.js", "tip.js"):
+        script(name)
     with box("armpage", data_arm=arm.name, data_slides="".join("1" if slide else "0" for slide in slides)):
         with box():
             _head(arm, state)
@@ -39,7 +40,7 @@ def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
             _base(arm, state)
         with box():
             with box("card", data_source=SCENE):
-                ArmScene(document, arm.name)
+                arm_scene(document, arm.name)
             _tip(arm, state)
 
 

@@ -6,23 +6,24 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from nicegui import ui
+from trocar.procs.gui.pages.element import Part
 
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
+MEDIA: Final = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+
+
+@cache
+def asset_files() -> dict[str, Path]:
+    """All files that pages use, by their names below `assets()`."""
+    return {str(path.relative_to(STATIC)): path for path in STATIC.rglob("*") if path.suffix in MEDIA}
 
 
 @cache
 def assets() -> str:
     """Address of the files."""
-    newest = max(path.stat().st_mtime_ns for path in STATIC.iterdir())
-    return f"/assets/{newest:x}"
-
-
-def style(name: str) -> None:
-    """Use a style sheet on this page."""
-    ui.add_head_html(f'<link rel="stylesheet" href="{assets()}/{name}">')
+    return f"/assets/{max(path.stat().st_mtime_ns for path in asset_files().values()):x}"
 
 
 def script(name: str) -> None:
-    """Use a module on this page."""
-    ui.add_head_html(f'<script type="module" src="{assets()}/{name}"></script>')
+    """Use a module on this page; it runs when the whole page is there."""
+    Part("script", type="module", src=f"{assets()}/{name}")

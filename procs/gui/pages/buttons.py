@@ -10,7 +10,8 @@ from trocar.procs.document.emulated_names import names_on_boards
 from trocar.procs.document.system import DigitalOutput, IoConfig, SystemConfig
 from trocar.procs.gui.catalogue import BUTTONS, pins, record
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, arg, box, button, columns, form, head, live, switch
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import arg, box, button, columns, form, head, live, switch
 
 ARM_INPUTS: Final = (("clutch", "clutch"), ("adapter", "sterile adapter"), ("tool", "instrument"),
                      ("suj_clutch", "SUJ clutch"), ("suj_clutch_2", "SUJ clutch 2"))

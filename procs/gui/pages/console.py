@@ -7,7 +7,8 @@ from typing import Final
 from trocar.procs.document.consoles import Console, TeleopEcmConfig, TeleopPsmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
-from trocar.procs.gui.pages.parts import Part, box, button, head, live
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import box, button, head, live
 
 PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
                  ("camera", "camera", "emulate_camera"))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, box, head, hold, switch
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import box, head, hold, switch
 
 
 def focus_page(document: SystemConfig) -> None:

@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 from trocar.procs.document.system import WALL, SystemConfig
-from trocar.procs.gui.pages.assets import script, style
+from trocar.procs.gui.pages.assets import assets, script
 from trocar.procs.gui.pages.buttons import has_buttons
-from trocar.procs.gui.pages.parts import Call, Part, box, button
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import Call, box, button
 from trocar.procs.gui.robots import robots_of, with_actuators, with_gains
 
 KEYS: Final = (("Ctrl + O", "power off"), ("Ctrl + P", "power on"), ("Ctrl + H", "home"), ("?", "this list"))
@@ -71,16 +72,47 @@ def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
 
 
 @contextmanager
-def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterator[None]:
+def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterator[Part]:
     """A page at this path; elements made inside are its content."""
-    style("style.css")
-    script("live.js")
+    with Part("html", lang="en") as whole:
+        _head(document, here)
+        with Part("body"):
+            _bar(document, here)
+            with Part("main", "content", data_wants=" ".join(wants)):
+                yield whole
+            _dialogs()
+
+
+def absent_page() -> None:
+    """Content for paths without a page."""
+    with box("card"):
+        Part("h2", "", "There is no such page")
+        Part("p", "quiet", "The bar above lists the pages of this system.")
+
+
+def _head(document: SystemConfig, here: str) -> None:
+    title = next((name for name, path in pages_of(document) if _is_at(here, path)), "No such page")
+    with Part("head"):
+        Part("meta", charset="utf-8")
+        Part("meta", name="viewport", content="width=device-width, initial-scale=1")
+        Part("title", "", f"{title} · {document.name} · Trocar")
+        Part("link", rel="icon", href=f"{assets()}/icon.svg")
+        Part("link", rel="stylesheet", href=f"{assets()}/style.css")
+        script("live.js")
+
+
+def _is_at(here: str, path: str) -> bool:
+    """Whether the page `here` belongs to the link to `path`: pages of robots are below it."""
+    return here == path or here.startswith(f"{path}/")
+
+
+def _bar(document: SystemConfig, here: str) -> None:
     with Part("header", "bar"):
         Part("a", "brand", "Trocar", href="/")
         Part("span", "system", document.name, title=document.source)
         with Part("nav"):
             for name, path in pages_of(document):
-                Part("a", "here" if here == path or here.startswith(f"{path}/") else "", name, href=path)
+                Part("a", "here" if _is_at(here, path) else "", name, href=path)
         box("spacer")
         if document.clock != WALL:
             Part("span", "badge", "simulated time", title="Boards are emulated, or arms have no robot")
@@ -92,9 +124,6 @@ def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterat
                title="Ctrl + O. Works from every page, without control. It is no emergency stop.")
         if here != "/":  # which shows them
             power_buttons(document, hidden=True)
-    with Part("main", "content", data_wants=" ".join(wants)):
-        yield
-    _dialogs()
 
 
 def _dialogs() -> None:

@@ -13,8 +13,7 @@ import json
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from nicegui.elements.mixins.text_element import TextElement
-
+from trocar.procs.gui.pages.element import Part
 from trocar.shm.commands import can_stop
 
 Call = tuple[str, str, Sequence[float], str]
@@ -22,17 +21,6 @@ Call = tuple[str, str, Sequence[float], str]
 EFFECTS: Final = {"enable": "Amplifiers switch on.", "home": "It moves.",
                   "resume": "It resumes what it was doing, and may move."}
 """Of words of `state_command` on an arm, as the confirmation says."""
-
-
-class Part(TextElement):
-    """One HTML element with classes, text and attributes; a context manager for its content."""
-
-    def __init__(self, tag: str, classes: str = "", text: str = "", **attributes: Any) -> None:
-        """`data_live="…"` is the attribute data-live."""
-        super().__init__(tag=tag, text=text)
-        self.classes(classes)
-        for name, value in attributes.items():
-            self.props[name.rstrip("_").replace("_", "-")] = value
 
 
 def box(classes: str = "", **attributes: Any) -> Part:

@@ -10,7 +10,8 @@ from trocar.procs.document.gains import BY_KEY, GAINS, Gain, PidAxis, value_of
 from trocar.procs.document.system import PidConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, box, live, switch, units
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import box, live, switch, units
 from trocar.procs.gui.pages.robot_io import tabs
 from trocar.procs.gui.plot_source import SIGNALS
 from trocar.procs.gui.robots import IoRobot, slides

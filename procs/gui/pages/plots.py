@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import itertools
-import json
 import re
 from typing import Any, Final
 
 from trocar.procs.crtk.field_paths import indices_text
 from trocar.procs.crtk.topics import RECORD, catalogue
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.gui.pages.assets import assets
-from trocar.procs.gui.pages.parts import Part, box
+from trocar.procs.gui.gate import FILES
+from trocar.procs.gui.pages.assets import script
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import box
 
+TOPICS: Final = f"{FILES}topics"
+"""Address of the records: the page requests them, because they are known only while their processes run."""
 SPANS: Final = (5, 10, 30, 60)
 SHAPE: Final = re.compile(r"^\(([\d,]*)\)")
 HIDDEN: Final = frozenset({"events", "audit", "setpoint"})
@@ -21,10 +24,9 @@ HIDDEN: Final = frozenset({"events", "audit", "setpoint"})
 
 def plots_page(document: SystemConfig) -> None:
     """Its content."""
-    Part("script", type="module", src=f"{assets()}/plots.js")
-    topics = topics_of(document.name)
-    first = next((name for name in (f"{arm.name}/state" for arm in document.arms) if name in topics), "")
-    with box("card wide plots", data_topics=json.dumps(topics), data_first=first):
+    script("plots.js")
+    first = f"{document.arms[0].name}/state" if document.arms else ""
+    with box("card wide plots", data_topics=TOPICS, data_first=first):
         with box("row"):
             Part("select", id="plot-topic", aria_label="Record")
             Part("select", id="plot-field", aria_label="Field")

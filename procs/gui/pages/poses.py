@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from trocar.procs.gui.pages.parts import Part, live
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import live
 
 TURNS: Final = "turned about x, then y, then z: fixed axes"
 

@@ -6,7 +6,8 @@ from typing import Final
 
 from trocar.procs.gui.catalogue import PROCESSES
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, box, columns, head
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import box, columns, head
 
 COLUMNS: Final = ("process", "kind", "state", "Hz", "period p99 ms", "work p99 ms", "missed", "CPU %", "MB", "restarts",
                   "problem, last ended, or scheduling")

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Final
 
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, arg, box, button, columns, form, live, switch, units
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import arg, box, button, columns, form, live, switch, units
 from trocar.procs.gui.robots import IoRobot, slides
 
 BIAS_SAMPLES: Final = 1970

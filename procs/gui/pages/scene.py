@@ -2,38 +2,32 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any, Final
-
-import nicegui
-from nicegui import ui
 
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import SCENE
 from trocar.procs.gui.gate import FILES
 from trocar.procs.gui.meshes import drawn_parts, mesh_files
-from trocar.procs.gui.pages.assets import assets
-from trocar.procs.gui.pages.parts import Part, box
+from trocar.procs.gui.pages.assets import script
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import box
 
-THREE: Final = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
-"""three.js, as shipped with NiceGUI."""
-STAGE: Final = Path(__file__).resolve().parent.parent / "static" / "stage.js"
 MESHES: Final = f"{FILES}mesh"
 VIEWS: Final = (("all", "All"), ("operator", "Operator's view"), ("front", "Front"), ("side", "Side"), ("top", "Top"))
 
 
-class ArmScene(ui.element, component=STAGE, esm={"nicegui-scene": str(THREE)}):
-    """Arms in 3D, moved by the source `scene`."""
-
-    def __init__(self, document: SystemConfig, only: str = "") -> None:
-        """`only` one arm, or all."""
-        super().__init__()
-        files = mesh_files(document)
-        self.props["arms"] = {arm.name: _drawn(document, arm, files) for arm in document.arms if only in ("", arm.name)}
-        self.props["only"] = only
-        self.props["meshes"] = {"script": f"{assets()}/meshes.js", "folder": MESHES,
-                                "names": [Path(file).name for file in files]}
+def arm_scene(document: SystemConfig, only: str = "") -> None:
+    """Arms in 3D, `only` one or all, moved by the source `scene`."""
+    script("stage.js")
+    files = mesh_files(document)
+    drawn = {"arms": {arm.name: _drawn(document, arm, files) for arm in document.arms if only in ("", arm.name)},
+             "only": only, "meshes": {"folder": MESHES, "names": [Path(file).name for file in files]}}
+    with box("stage small" if only else "stage", data_drawn=json.dumps(drawn)):
+        Part("canvas")
+        box("names")
 
 
 def _drawn(document: SystemConfig, arm: ArmConfig, files: list[str]) -> dict[str, Any]:
@@ -63,4 +57,4 @@ def scene_page(document: SystemConfig) -> None:
             Part("span", "quiet", "Drag to turn, wheel to zoom, right button to shift. Orange: a joint near its limit.")
         if any(_emulated(document, arm) for arm in document.arms):
             Part("p", "quiet", "These robots are emulated: drag a tip to pull it by hand. Masters follow easily.")
-        ArmScene(document)
+        arm_scene(document)

@@ -8,7 +8,8 @@ from trocar.procs.document.cart import FIXED, SI, Cart, CartArm
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, arg, box, button, choice, columns, form, head, hold, live, switch, units
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import arg, box, button, choice, columns, form, head, hold, live, switch, units
 from trocar.procs.gui.pages.poses import TURNS
 
 EXTRA: Final = ("spare 1", "spare 2", "brakes", "ground")

@@ -8,8 +8,9 @@ from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import MESSAGES, record
 from trocar.procs.gui.pages.console import PEDALS, teleop_buttons
+from trocar.procs.gui.pages.element import Part
 from trocar.procs.gui.pages.frame import moving, power_buttons
-from trocar.procs.gui.pages.parts import Part, box, button, choice, head, live, reason, state_buttons
+from trocar.procs.gui.pages.parts import box, button, choice, head, live, reason, state_buttons
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
 """Sub-states that chip and light show too."""

@@ -8,7 +8,8 @@ from trocar.procs.document.consoles import TeleopEcmConfig, TeleopPsmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.console import PEDALS, SCALES, teleop_buttons
-from trocar.procs.gui.pages.parts import Part, box, button, head, live
+from trocar.procs.gui.pages.element import Part
+from trocar.procs.gui.pages.parts import box, button, head, live
 from trocar.procs.gui.pages.poses import axes, numbers, turned
 
 ALIGNS: Final = "The master may move to align."

@@ -17,12 +17,6 @@ function allowed(input) {
   return low === undefined && high === undefined ? "a number" : `from ${low} to ${high}`;
 }
 
-// A part of the page, as soon as it is there: pages are built after scripts have begun.
-export function made(id) {
-  const found = document.getElementById(id);
-  return found ? Promise.resolve(found) : new Promise((go) => setTimeout(() => go(made(id)), 30));
-}
-
 const chosen = (form) => form.querySelector("select")?.selectedOptions[0]?.dataset.slides === "p";
 
 // The values of a form; null, with a note beside the button, if one is invalid.

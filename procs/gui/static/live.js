@@ -124,7 +124,7 @@ function want() {
 
 // A request carries the newest tick that the page has received, which tells the server its maximum age.
 const WISHES = ["beat", "jog", "call"];
-const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(WISHES.includes(message.op) ? { ...message, tick } : message));
+export const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(WISHES.includes(message.op) ? { ...message, tick } : message));
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);

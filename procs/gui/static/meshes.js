@@ -1,8 +1,10 @@
-// Meshes of the arms' parts, around their rods (procs/gui/meshes.py). NiceGUI ships three.js with a reader for STL, but
-// with none for COLLADA. This one reads only the elements that dvrk_model uses: triangles and polylists of positions, in
+// Meshes of the arms' parts, around their rods (procs/gui/meshes.py). three.js has a reader for STL; its reader for COLLADA
+// is large. This one reads only the elements that dvrk_model uses: triangles and polylists of positions, in
 // the nodes of a scene. That is much less than a further library, for the browser or for the server. The files are from
 // outside: the browser loads no external entities, and a broken file leaves only its part without a mesh.
-import { STLLoader, THREE } from "nicegui-scene";
+import { note } from "./live.js";
+import { STLLoader } from "./three/STLLoader.js";
+import * as THREE from "./three/three.module.min.js";
 
 const MAX_TRIANGLES = 2e6; // of a file: nodes can repeat a geometry
 const LOOK = { color: "#aab4be", roughness: 0.7, metalness: 0.1, flatShading: true, transparent: true, opacity: 0.4 };
@@ -110,7 +112,6 @@ class Parts {
 // Put meshes on all arms of a stage, file by file; those that cannot be shown are reported once, together.
 export async function dress(stage) {
   const { names, folder } = stage.meshes;
-  const { signal } = stage.heard;
   const look = new THREE.MeshStandardMaterial(LOOK);
   const worn = new Set();
   const models = Object.entries(stage.models).filter(([name]) => stage.arms[name].parts.length);
@@ -122,18 +123,17 @@ export async function dress(stage) {
   const wrong = [];
   for (const file of worn) {
     try {
-      const answer = await fetch(`${folder}/${file}`, { signal });
+      const answer = await fetch(`${folder}/${file}`);
       if (!answer.ok) throw new Error(await answer.text());
       const shape = geometry(names[file], await answer.arrayBuffer());
       for (const [, model] of models) model.parts.wear(file, shape, look);
       stage.later();
     } catch (error) {
-      if (signal.aborted) return;
       wrong.push(`${names[file]}: ${error.message}`);
     }
   }
   stage.isDressed = true;
   if (!wrong.length) return;
   console.warn(`meshes that are not shown: ${wrong.join("; ")}`);
-  window.trocar.note(stage.$el, "bad", `${wrong.length} of ${worn.size} meshes are not shown: ${wrong[0]}`);
+  note(stage.element, "bad", `${wrong.length} of ${worn.size} meshes are not shown: ${wrong[0]}`);
 }

@@ -1,11 +1,10 @@
 // The page PID: gains that are edited and applied, the plot of one joint, and a step to try them.
 import { confirmed, data, hasControl, note, onTick, perform, sourceAge, value } from "./live.js";
-import { made } from "./forms.js";
 import { Trace } from "./trace.js";
 import { perUnit, typed, unit } from "./units.js";
 
 const TEXT = 64; // letters of a command's text
-const page = await made("pid");
+const page = document.getElementById("pid");
 const { io, robot, arm, gains, traces } = page.dataset;
 const inputs = [...page.querySelectorAll("[data-gain]")];
 const at = (id) => document.getElementById(id);

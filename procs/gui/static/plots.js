@@ -2,7 +2,7 @@
 import { data, note, onTick } from "./live.js";
 
 const page = document.querySelector(".plots");
-const topics = JSON.parse(page.dataset.topics);
+const topics = await (await fetch(page.dataset.topics)).json();
 const main = document.querySelector("main");
 const canvas = document.getElementById("plot");
 const legend = document.getElementById("plot-legend");

@@ -41,7 +41,6 @@ function processes() {
 const at = (id) => document.getElementById(id);
 let written = null;
 function log() {
-  if (!at("log")) return;
   at("log-card").hidden = !chosen;
   if (!chosen) {
     delete at("log").dataset.wants; // it is hidden: nothing is read

@@ -1,5 +1,7 @@
 // The robot in 3D: one object per arm, moved by one message a tick with the frames of all links (scene_source.py).
-import { OrbitControls, THREE } from "nicegui-scene";
+import { data, hasControl, note, onTick, say } from "./live.js";
+import { OrbitControls } from "./three/OrbitControls.js";
+import * as THREE from "./three/three.module.min.js";
 
 const COLOURS = { PSM: ["#4f9cf0", "#3fbf8f", "#b98cf0", "#5cc6d0"], MTM: ["#e8a33d", "#d9793f"], ECM: ["#e36a8d"] };
 const GREY = "#8a939c";
@@ -219,7 +221,7 @@ class Hand {
     if (!hit) return;
     event.stopImmediatePropagation();
     event.preventDefault();
-    if (!window.trocar.hasControl()) return window.trocar.note(this.stage.$el, "bad", "Take control first: this page is read-only.");
+    if (!hasControl()) return note(this.stage.element, "bad", "Take control first: this page is read-only.");
     this.model = models.find((model) => model.handle === hit.object);
     this.model.handle.getWorldPosition(this.goal);
     this.plane.setFromNormalAndCoplanarPoint(this.stage.camera.getWorldDirection(new THREE.Vector3()), this.goal);
@@ -234,29 +236,30 @@ class Hand {
 
   pull() {
     const { model } = this;
-    if (!window.trocar.hasControl()) return this.release();
+    if (!hasControl()) return this.release();
     model.group.updateWorldMatrix(true, true);
     const base = new THREE.Matrix4().compose(model.at[0], model.base, new THREE.Vector3(1, 1, 1)).premultiply(model.group.matrixWorld);
     const goal = new THREE.Matrix4().compose(this.goal, model.tip.getWorldQuaternion(new THREE.Quaternion()), new THREE.Vector3(1, 1, 1)).premultiply(base.invert());
     const [position, turn] = [new THREE.Vector3(), new THREE.Quaternion()];
     goal.decompose(position, turn, new THREE.Vector3());
-    window.trocar.say({ op: "call", to: "boards", command: "pull_tip", values: [...position.toArray(), ...turn.toArray()], text: model.robot });
+    say({ op: "call", to: "boards", command: "pull_tip", values: [...position.toArray(), ...turn.toArray()], text: model.robot });
   }
 
   release() {
     if (!this.model) return;
     clearInterval(this.timer);
-    window.trocar.say({ op: "call", to: "boards", command: "release_tip", values: [], text: this.model.robot });
+    say({ op: "call", to: "boards", command: "release_tip", values: [], text: this.model.robot });
     this.model = null;
   }
 }
 
-export default {
-  template: `<div class="stage" :class="{small: only}"><canvas></canvas><div class="names"></div></div>`,
-  props: { arms: Object, only: String, meshes: Object },
-  mounted() {
-    const canvas = this.$el.querySelector("canvas");
-    this.names = this.$el.querySelector(".names");
+// All arms of a system, or one of them with a preview; the element names them (data-drawn, procs/gui/pages/scene.py).
+class Stage {
+  constructor(element) {
+    this.element = element;
+    Object.assign(this, JSON.parse(element.dataset.drawn));
+    const canvas = element.querySelector("canvas");
+    this.names = element.querySelector(".names");
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.scene = new THREE.Scene();
@@ -294,196 +297,209 @@ export default {
       }
     }
     this.hand = new Hand(this);
-    this.heard = new AbortController();
-    const { signal } = this.heard;
-    canvas.addEventListener("pointerdown", (event) => this.hand.take(event), { capture: true, signal }); // before the camera's controls
-    window.addEventListener("pointermove", (event) => this.hand.move(event), { signal });
-    for (const name of ["pointerup", "pointercancel", "blur", "pagehide"]) window.addEventListener(name, () => this.hand.release(), { signal });
-    this.resized = new ResizeObserver(() => this.fit());
-    this.resized.observe(this.$el);
-    this.$el.stage = this;
+    canvas.addEventListener("pointerdown", (event) => this.hand.take(event), true); // before the camera's controls
+    window.addEventListener("pointermove", (event) => this.hand.move(event));
+    for (const name of ["pointerup", "pointercancel", "blur", "pagehide"]) window.addEventListener(name, () => this.hand.release());
+    new ResizeObserver(() => this.fit()).observe(element);
+    element.stage = this;
     this.fit();
-    this.update = () => this.refresh();
-    window.trocar.onTick(this.update);
-  },
-  unmounted() {
-    this.hand.release();
-    this.heard.abort();
-    this.resized.disconnect();
-    this.renderer.dispose();
-  },
-  methods: {
-    fit() {
-      const { clientWidth: width, clientHeight: height } = this.$el;
-      if (!width || !height) return;
-      this.renderer.setSize(width, height, false);
-      this.camera.aspect = width / height;
-      this.camera.updateProjectionMatrix();
-      this.later();
-    },
-    refresh() {
-      const found = window.trocar.data("scene")?.arms;
-      if (!found) return;
-      const { carts, shown } = window.trocar.data("scene");
-      if (!this.only) this.carts(carts);
-      this.ask(shown);
-      let apart = 0;
-      for (const [name, model] of Object.entries(this.models)) {
-        const arm = found[name];
-        if (!arm) continue;
-        model.show(arm);
-        const label = arm.late ? `${name}: ${arm.age} s old` : name;
-        if (model.label.textContent !== label) model.label.textContent = label;
-        const parent = this.only ? null : this.models[arm.frame];
-        if (parent && parent !== model) {
-          parent.tip.updateWorldMatrix(true, false);
-          model.group.matrix.copy(parent.tip.matrixWorld);
-        } else {
-          model.group.matrix.copy(rooted(arm.frame));
-          if (arm.frame === "HRSV" && this.beside) model.group.matrix.setPosition(this.beside);
-          else if (!["HRSV", "ECM", "Cart"].includes(arm.frame)) model.group.matrix.setPosition(0.45 * apart++, 0, 0);
-        }
-        model.group.matrixAutoUpdate = false;
-        model.group.matrixWorldNeedsUpdate = true;
-      }
-      this.shown = (this.shown || 0) + 1;
-      if (this.shown === 3) { // by then each arm is placed on the one that carries its frame
-        this.place();
-        this.look("all");
-        this.isPlaced = true;
-        this.dress();
-      }
-      this.later();
-    },
-    // Meshes come after the page is up: they may be large.
-    async dress() {
-      if (!this.meshes.names.length) return;
-      const { dress } = await import(this.meshes.script);
-      await dress(this);
-    },
-    // Carts are in the frame "Cart", the reference of the arms mounted on them.
-    carts(found) {
-      for (const [cart, arms] of Object.entries(found || {})) {
-        const isNew = !this.setups[cart] && Object.keys(arms).length;
-        if (isNew) this.setups[cart] = Object.fromEntries(Object.keys(arms).map((name) => [name, new SetupModel(false)]));
-        for (const [name, arm] of Object.entries(arms)) this.setups[cart][name].show(arm);
-        if (!isNew) continue;
-        const setups = Object.values(this.setups[cart]);
-        this.stands = [...(this.stands || []), ...setups.map((setup) => setup.group), column(setups)];
-        this.scene.add(...this.stands);
-      }
-    },
-    // A pose to which a person is asked to bring an arm: a ghost of it, for as long as the asking program shows it.
-    ask(shown) {
-      if (this.asked && this.asked.name !== shown?.name) {
-        this.asked.group.removeFromParent();
-        this.asked.label.remove();
-        this.asked = null;
-      }
-      const own = shown && this.models[shown.name];
-      if (!own && (!shown?.name.includes("/") || this.only)) return;
-      if (!this.asked) {
-        this.asked = own ? new ArmModel(shown.name, this.arms[shown.name], GHOST, true) : new SetupModel(true);
-        this.asked.name = shown.name;
-        this.asked.label = Object.assign(document.createElement("span"), { className: "asked", textContent: `bring ${shown.name} here` });
-        this.names.append(this.asked.label);
-        (own ? own.group : this.scene).add(this.asked.group);
-      }
-      this.asked.show({ frames: shown.frames, jaw: null, state: "ENABLED" });
-    },
-    // Points of some models, and of the carts, that must be visible.
-    points(wanted, whole) {
-      this.scene.updateMatrixWorld(true);
-      const found = [];
-      for (const setups of whole ? Object.values(this.setups) : []) {
-        found.push(new THREE.Vector3(0, 0, 0)); // position of its column
-        for (const setup of Object.values(setups)) found.push(...setup.at);
-      }
-      for (const model of Object.values(this.models).filter(wanted))
-        for (const at of model.isRemote && model.size ? [...model.at, RAIL_TOP.clone().applyMatrix4(model.rail.matrix)] : model.at) found.push(at.clone().applyMatrix4(model.group.matrixWorld));
-      for (const at of (whole && this.asked?.at) || []) found.push(at.clone().applyMatrix4(this.asked.group.matrixWorld));
-      return found;
-    },
-    // Masters are placed beside the patient's side: the console's position in the room is unknown.
-    place() {
-      const [masters, others] = [true, false].map((are) => new THREE.Box3().setFromPoints(this.points((model) => (model.type === "MTM") === are)));
-      if (masters.isEmpty() || others.isEmpty()) return;
-      this.beside = new THREE.Vector3(others.min.x - masters.max.x - (Object.keys(this.setups).length ? 0.5 : 0.25), 0, 0);
-      this.beside.y = others.getCenter(new THREE.Vector3()).y - masters.getCenter(new THREE.Vector3()).y;
-      this.beside.z = others.getCenter(new THREE.Vector3()).z - masters.getCenter(new THREE.Vector3()).z;
-      this.refresh();
-    },
-    look(view) {
-      const points = this.points((model) => (view === "masters" ? model.type === "MTM" : view === "all" || model.type !== "MTM" || this.only), view === "all");
-      if (!points.length) return;
-      const box = new THREE.Box3().setFromPoints(points);
-      const centre = box.getCenter(new THREE.Vector3());
-      const facing = Object.keys(this.setups).length ? -1 : 1; // a cart is seen from the patient's side
-      this.grid.position.z = facing < 0 ? -0.002 : box.min.z - 0.03; // the floor, as far as one knows
-      const from = { all: facing < 0 ? [0.7, 1.1, 0.35] : [0.35, -1.2, 0.45], masters: [-0.9, -1.1, 0.6], side: [1, 0, 0.05], top: [0, -0.02, 1], front: [0, -facing, 0.15] };
-      const ecm = Object.values(this.models).find((model) => model.type === "ECM") || Object.values(this.models).find((model) => model.type === "PSM");
-      // The endoscope's view, from slightly behind: without itself, the masters and the cart.
-      for (const part of this.stands || []) part.visible = view !== "operator";
-      for (const model of Object.values(this.models)) model.isHidden = view === "operator" && ["ECM", "MTM"].includes(model.type);
-      const tips = Object.values(this.models).filter((model) => model.type === "PSM" && model.size).map((model) => model.tip.getWorldPosition(new THREE.Vector3()));
-      if (view === "operator" && ecm && tips.length) {
-        const matrix = ecm.type === "ECM" ? ecm.tip.matrixWorld : ecm.group.matrixWorld;
-        this.controls.target.set(0, 0, 0);
-        for (const tip of tips) this.controls.target.addScaledVector(tip, 1 / tips.length);
-        const ahead = new THREE.Vector3(0, 0, 1).transformDirection(matrix);
-        this.camera.position.copy(this.controls.target).addScaledVector(ahead, -0.3);
+    onTick(() => this.refresh());
+  }
+
+  fit() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.later();
+  }
+
+  refresh() {
+    const found = data("scene")?.arms;
+    if (!found) return;
+    const { carts, shown } = data("scene");
+    if (!this.only) this.carts(carts);
+    this.ask(shown);
+    let apart = 0;
+    for (const [name, model] of Object.entries(this.models)) {
+      const arm = found[name];
+      if (!arm) continue;
+      model.show(arm);
+      const label = arm.late ? `${name}: ${arm.age} s old` : name;
+      if (model.label.textContent !== label) model.label.textContent = label;
+      const parent = this.only ? null : this.models[arm.frame];
+      if (parent && parent !== model) {
+        parent.tip.updateWorldMatrix(true, false);
+        model.group.matrix.copy(parent.tip.matrixWorld);
       } else {
-        this.controls.target.copy(centre);
-        const way = new THREE.Vector3(...(from[view] || from.all)).normalize();
-        this.camera.position.copy(way).multiplyScalar(MARGIN * this.distanceTo(points, centre, way)).add(centre);
+        model.group.matrix.copy(rooted(arm.frame));
+        if (arm.frame === "HRSV" && this.beside) model.group.matrix.setPosition(this.beside);
+        else if (!["HRSV", "ECM", "Cart"].includes(arm.frame)) model.group.matrix.setPosition(0.45 * apart++, 0, 0);
       }
-      this.controls.update();
-      this.later();
-    },
-    // How far from the centre the camera must be, that way, to have all points in the picture.
-    distanceTo(points, centre, way) {
-      const right = new THREE.Vector3().crossVectors(this.camera.up, way).normalize();
-      const up = new THREE.Vector3().crossVectors(way, right);
-      const high = Math.tan((this.camera.fov * Math.PI) / 360);
-      const wide = high * this.camera.aspect;
-      return Math.max(NEAREST, ...points.map((point) => {
-        const at = point.clone().sub(centre);
-        return at.dot(way) + Math.max(Math.abs(at.dot(up)) / high, Math.abs(at.dot(right)) / wide);
-      }));
-    },
-    preview(frames, jaw) {
-      if (!this.ghost) return;
-      this.ghost.group.visible = Boolean(frames);
-      if (frames) this.ghost.show({ frames, jaw, state: "ENABLED" });
-      const own = this.models[this.only];
-      if (frames && own.size === this.ghost.size && own.at.every((at, i) => at.distanceTo(this.ghost.at[i]) < 0.0005)) this.ghost.group.visible = false; // there already
-      this.later();
-    },
-    later() {
-      if (this.planned) return;
-      this.planned = true;
-      requestAnimationFrame(() => {
-        this.planned = false;
-        this.draw();
-      });
-    },
-    draw() {
-      const dark = document.documentElement.dataset.theme === "dark";
-      if (this.isDark !== dark) {
-        this.isDark = dark;
-        this.scene.background = new THREE.Color(dark ? "#151c24" : "#e9eef3");
-        this.grid.material.color.set(dark ? "#33404d" : "#c3ccd5");
-        this.grid.material.vertexColors = false;
-        this.grid.material.needsUpdate = true;
-      }
-      this.renderer.render(this.scene, this.camera);
-      const { clientWidth: width, clientHeight: height } = this.$el;
-      const at = new THREE.Vector3();
-      for (const model of [...Object.values(this.models), ...(this.asked ? [this.asked] : [])]) {
-        at.copy(model.carriage?.position ?? model.at.at(-1)).applyMatrix4(model.group.matrixWorld).project(this.camera);
-        model.label.hidden = at.z > 1 || !model.group.visible;
-        model.label.style.transform = `translate(${((at.x + 1) / 2) * width + 12}px, ${((1 - at.y) / 2) * height - 24}px)`;
-      }
-    },
-  },
-};
+      model.group.matrixAutoUpdate = false;
+      model.group.matrixWorldNeedsUpdate = true;
+    }
+    this.shown = (this.shown || 0) + 1;
+    if (this.shown === 3) { // by then each arm is placed on the one that carries its frame
+      this.place();
+      this.look("all");
+      this.isPlaced = true;
+      this.dress();
+    }
+    this.later();
+  }
+
+  // Meshes come after the page is up: they may be large.
+  async dress() {
+    if (!this.meshes.names.length) return;
+    const { dress } = await import("./meshes.js");
+    await dress(this);
+  }
+
+  // Carts are in the frame "Cart", the reference of the arms mounted on them.
+  carts(found) {
+    for (const [cart, arms] of Object.entries(found || {})) {
+      const isNew = !this.setups[cart] && Object.keys(arms).length;
+      if (isNew) this.setups[cart] = Object.fromEntries(Object.keys(arms).map((name) => [name, new SetupModel(false)]));
+      for (const [name, arm] of Object.entries(arms)) this.setups[cart][name].show(arm);
+      if (!isNew) continue;
+      const setups = Object.values(this.setups[cart]);
+      this.stands = [...(this.stands || []), ...setups.map((setup) => setup.group), column(setups)];
+      this.scene.add(...this.stands);
+    }
+  }
+
+  // A pose to which a person is asked to bring an arm: a ghost of it, for as long as the asking program shows it.
+  ask(shown) {
+    if (this.asked && this.asked.name !== shown?.name) {
+      this.asked.group.removeFromParent();
+      this.asked.label.remove();
+      this.asked = null;
+    }
+    const own = shown && this.models[shown.name];
+    if (!own && (!shown?.name.includes("/") || this.only)) return;
+    if (!this.asked) {
+      this.asked = own ? new ArmModel(shown.name, this.arms[shown.name], GHOST, true) : new SetupModel(true);
+      this.asked.name = shown.name;
+      this.asked.label = Object.assign(document.createElement("span"), { className: "asked", textContent: `bring ${shown.name} here` });
+      this.names.append(this.asked.label);
+      (own ? own.group : this.scene).add(this.asked.group);
+    }
+    this.asked.show({ frames: shown.frames, jaw: null, state: "ENABLED" });
+  }
+
+  // Points of some models, and of the carts, that must be visible.
+  points(wanted, whole) {
+    this.scene.updateMatrixWorld(true);
+    const found = [];
+    for (const setups of whole ? Object.values(this.setups) : []) {
+      found.push(new THREE.Vector3(0, 0, 0)); // position of its column
+      for (const setup of Object.values(setups)) found.push(...setup.at);
+    }
+    for (const model of Object.values(this.models).filter(wanted))
+      for (const at of model.isRemote && model.size ? [...model.at, RAIL_TOP.clone().applyMatrix4(model.rail.matrix)] : model.at) found.push(at.clone().applyMatrix4(model.group.matrixWorld));
+    for (const at of (whole && this.asked?.at) || []) found.push(at.clone().applyMatrix4(this.asked.group.matrixWorld));
+    return found;
+  }
+
+  // Masters are placed beside the patient's side: the console's position in the room is unknown.
+  place() {
+    const [masters, others] = [true, false].map((are) => new THREE.Box3().setFromPoints(this.points((model) => (model.type === "MTM") === are)));
+    if (masters.isEmpty() || others.isEmpty()) return;
+    this.beside = new THREE.Vector3(others.min.x - masters.max.x - (Object.keys(this.setups).length ? 0.5 : 0.25), 0, 0);
+    this.beside.y = others.getCenter(new THREE.Vector3()).y - masters.getCenter(new THREE.Vector3()).y;
+    this.beside.z = others.getCenter(new THREE.Vector3()).z - masters.getCenter(new THREE.Vector3()).z;
+    this.refresh();
+  }
+
+  look(view) {
+    const points = this.points((model) => (view === "masters" ? model.type === "MTM" : view === "all" || model.type !== "MTM" || this.only), view === "all");
+    if (!points.length) return;
+    const box = new THREE.Box3().setFromPoints(points);
+    const centre = box.getCenter(new THREE.Vector3());
+    const facing = Object.keys(this.setups).length ? -1 : 1; // a cart is seen from the patient's side
+    this.grid.position.z = facing < 0 ? -0.002 : box.min.z - 0.03; // the floor, as far as one knows
+    const from = { all: facing < 0 ? [0.7, 1.1, 0.35] : [0.35, -1.2, 0.45], masters: [-0.9, -1.1, 0.6], side: [1, 0, 0.05], top: [0, -0.02, 1], front: [0, -facing, 0.15] };
+    const ecm = Object.values(this.models).find((model) => model.type === "ECM") || Object.values(this.models).find((model) => model.type === "PSM");
+    // The endoscope's view, from slightly behind: without itself, the masters and the cart.
+    for (const part of this.stands || []) part.visible = view !== "operator";
+    for (const model of Object.values(this.models)) model.isHidden = view === "operator" && ["ECM", "MTM"].includes(model.type);
+    const tips = Object.values(this.models).filter((model) => model.type === "PSM" && model.size).map((model) => model.tip.getWorldPosition(new THREE.Vector3()));
+    if (view === "operator" && ecm && tips.length) {
+      const matrix = ecm.type === "ECM" ? ecm.tip.matrixWorld : ecm.group.matrixWorld;
+      this.controls.target.set(0, 0, 0);
+      for (const tip of tips) this.controls.target.addScaledVector(tip, 1 / tips.length);
+      const ahead = new THREE.Vector3(0, 0, 1).transformDirection(matrix);
+      this.camera.position.copy(this.controls.target).addScaledVector(ahead, -0.3);
+    } else {
+      this.controls.target.copy(centre);
+      const way = new THREE.Vector3(...(from[view] || from.all)).normalize();
+      this.camera.position.copy(way).multiplyScalar(MARGIN * this.distanceTo(points, centre, way)).add(centre);
+    }
+    this.controls.update();
+    this.later();
+  }
+
+  // How far from the centre the camera must be, that way, to have all points in the picture.
+  distanceTo(points, centre, way) {
+    const right = new THREE.Vector3().crossVectors(this.camera.up, way).normalize();
+    const up = new THREE.Vector3().crossVectors(way, right);
+    const high = Math.tan((this.camera.fov * Math.PI) / 360);
+    const wide = high * this.camera.aspect;
+    return Math.max(NEAREST, ...points.map((point) => {
+      const at = point.clone().sub(centre);
+      return at.dot(way) + Math.max(Math.abs(at.dot(up)) / high, Math.abs(at.dot(right)) / wide);
+    }));
+  }
+
+  preview(frames, jaw) {
+    if (!this.ghost) return;
+    this.ghost.group.visible = Boolean(frames);
+    if (frames) this.ghost.show({ frames, jaw, state: "ENABLED" });
+    const own = this.models[this.only];
+    if (frames && own.size === this.ghost.size && own.at.every((at, i) => at.distanceTo(this.ghost.at[i]) < 0.0005)) this.ghost.group.visible = false; // there already
+    this.later();
+  }
+
+  later() {
+    if (this.planned) return;
+    this.planned = true;
+    requestAnimationFrame(() => {
+      this.planned = false;
+      this.draw();
+    });
+  }
+
+  draw() {
+    const dark = document.documentElement.dataset.theme === "dark";
+    if (this.isDark !== dark) {
+      this.isDark = dark;
+      this.scene.background = new THREE.Color(dark ? "#151c24" : "#e9eef3");
+      this.grid.material.color.set(dark ? "#33404d" : "#c3ccd5");
+      this.grid.material.vertexColors = false;
+      this.grid.material.needsUpdate = true;
+    }
+    this.renderer.render(this.scene, this.camera);
+    const { clientWidth: width, clientHeight: height } = this.element;
+    const at = new THREE.Vector3();
+    for (const model of [...Object.values(this.models), ...(this.asked ? [this.asked] : [])]) {
+      at.copy(model.carriage?.position ?? model.at.at(-1)).applyMatrix4(model.group.matrixWorld).project(this.camera);
+      model.label.hidden = at.z > 1 || !model.group.visible;
+      model.label.style.transform = `translate(${((at.x + 1) / 2) * width + 12}px, ${((1 - at.y) / 2) * height - 24}px)`;
+    }
+  }
+}
+
+// It begins with its first data: a graphics card may take its time, and the page is connected by then.
+const waiting = [...document.querySelectorAll(".stage")];
+onTick(() => {
+  if (!data("scene")) return;
+  for (const element of waiting.splice(0)) {
+    try {
+      new Stage(element).refresh();
+    } catch (error) {
+      element.textContent = `No 3D in this browser: ${error.message}`;
+    }
+  }
+});
