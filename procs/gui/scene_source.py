@@ -133,14 +133,15 @@ class SceneCart:
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """Of each setup arm: `frames` in the cart, x y z and quaternion x y z w of its base, of each joint and of the
-        base of the arm that it carries; whether its joints are known."""
+        base of the arm that it carries; whether its joints are known; the arm that it carries."""
         if not self._reader.newest():
             return {}
         if self._reader.sequence != self._sequence:
             self._sequence, self._seen_ns = self._reader.sequence, now_ns
         late = now_ns - self._seen_ns > LATE_NS
         return {arm.name: {"frames": self._frames(place, arm, kinematics), "late": late,
-                           "valid": bool(self._valid[place])} for place, arm, kinematics in self._arms}
+                           "valid": bool(self._valid[place]), "carries": arm.carries}
+                for place, arm, kinematics in self._arms}
 
     def _frames(self, place: int, arm: CartArm, kinematics: Kinematics) -> list[float]:
         position = np.nan_to_num(self._positions[place, :arm.joints])

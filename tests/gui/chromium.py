@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from selenium import webdriver
 from selenium.common.exceptions import TimeoutException
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
@@ -21,8 +22,8 @@ OPTIONS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-a
            "--enable-unsafe-swiftshader", "--hide-scrollbars", "--disable-background-networking",
            "--disable-component-update", "--no-first-run")
 DUE_S = 40.0
-SIZES = ((1280, 720), (820, 1180))
-"""Of a small screen and a tablet."""
+SIZES = ((1280, 720), (820, 1180), (390, 844))
+"""Of a small screen, a tablet and a phone."""
 
 
 class BrowserPage:
@@ -74,6 +75,16 @@ class BrowserPage:
         self.until("document.getElementById('confirm').open")
         self.find("#confirm button.primary").click()
 
+    def typed(self, css: str, text: str) -> None:
+        """Into an input, as a person does."""
+        self.js("const input = document.querySelector(arguments[0]); input.value = arguments[1];"
+                "input.dispatchEvent(new Event('input', {bubbles: true}))", css, text)
+
+    def resize(self, width: int, height: int) -> None:
+        """Another size of the window."""
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+            "width": width, "height": height, "deviceScaleFactor": 1, "mobile": False})
+
     def take_control(self) -> None:
         """Press Take control; once more where a busy machine has disconnected the page meanwhile."""
         end = time.monotonic() + DUE_S
@@ -88,6 +99,22 @@ class BrowserPage:
                     lambda driver: self.js("return document.body.dataset.control") == "you")
             if time.monotonic() > end:
                 pytest.fail("this page does not get control")
+
+    def held(self, css: str, condition: str) -> None:
+        """Hold a button until something is so; again where a busy machine has cost the page its control, or the jog."""
+        for _ in range(12):
+            self.take_control()
+            button = self.find(css)
+            self.js("arguments[0].scrollIntoView({block: 'center'})", button)
+            ActionChains(self.driver).move_to_element(button).click_and_hold().perform()
+            try:
+                self.until(f"({condition}) || document.body.dataset.control !== 'you'"
+                           " || !document.querySelector('.jog.on')")
+            finally:
+                ActionChains(self.driver).release().perform()
+            if self.js(f"return {condition}"):
+                return
+        pytest.fail(f"held in vain: {css}")
 
     def note(self) -> str:
         """What is said beside the button that was pressed."""
@@ -136,8 +163,8 @@ def chromium(address: str, width: int = 1280, height: int = 720) -> Iterator[Bro
         driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(service))
         try:
             driver.set_window_rect(0, 0, width, height)
-            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
-                "width": width, "height": height, "deviceScaleFactor": 1, "mobile": False})
-            yield BrowserPage(driver, address)
+            page = BrowserPage(driver, address)
+            page.resize(width, height)
+            yield page
         finally:
             driver.quit()

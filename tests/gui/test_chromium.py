@@ -93,6 +93,24 @@ def test_the_console_is_killed_and_the_page_comes_back(robot: Robot, records: Re
         page.until(f"getComputedStyle({stage}).filter.includes('grayscale')")
         assert "not connected" in page.find(".bar").text
         page.until("document.body.dataset.connection === 'live' && document.body.dataset.control === 'none'", 60)
+        assert "the connection was interrupted" in page.find("#control-lost").text
+        page.open("/plots#PSM1/state.position[0]")
+        kept = "document.querySelector('.plots').plots.signals()[0].t"
+        page.until(f"{kept}.length > 50")
+        page.click("[data-plot=pause]")
+        times = page.js(f"window.isKept = true; return {kept}")
+        for other in ("", "const { parse } = JSON; JSON.parse = (text) => ({...parse(text), run: 'other'});"):
+            page.js(other)
+            robot.pids.add(robot.kill("gui"))
+            page.until("document.body.dataset.connection === 'lost'", 20)
+            page.until("document.body.dataset.connection === 'live'", 60)
+            assert page.js(f"return window.isKept && {kept}") == times, "a person decides when a paused plot is dropped"
+            assert page.find("#reload").is_displayed() == bool(other)
+        page.find("#reload").click()
+        page.until("document.getElementById('confirm').open")
+        assert "the paused plot" in page.find("#confirm-text").text
+        page.answer_yes()
+        page.until("!window.isKept && document.body.dataset.connection === 'live'")
         page.open()
         page.until("trocar.value('PSM1/state.is_homed')")
         assert state.newest() and bool(cell)
@@ -148,7 +166,12 @@ def test_keys_work_on_every_page_and_names_in_messages_are_whole(robot: Robot) -
         assert page.js("""const [, name, text] = document.querySelector('.message:last-child').children;
             return name.scrollWidth <= Math.ceil(name.getBoundingClientRect().width)
               && name.getBoundingClientRect().right <= text.getBoundingClientRect().left""")
+        page.resize(390, 844)
+        assert page.js("return Math.min(...[...document.querySelector('.message:last-child').children].slice(1)"
+                       ".map((part) => part.getBoundingClientRect().width))") > 80, "letters one below the other"
         assert page.wrongs() == [] and page.js("return document.body.dataset.control") == "none"
+        page.open("/focus")
+        assert "There is no such page" in page.find("main").text and page.find("#power-off").is_displayed()
 
 
 def test_power_off_stays_in_reach_while_a_dialog_is_open(robot: Robot) -> None:
@@ -163,12 +186,20 @@ def test_power_off_stays_in_reach_while_a_dialog_is_open(robot: Robot) -> None:
                 page.until("trocar.value('PSM1/state.state') === 'ENABLED'", 90)
                 page.find("#power-on").click()
             page.until(f"document.getElementById('{dialog}').open && document.querySelector('main.content').inert")
+            for _ in range(4):
+                page.find("body").send_keys(Keys.TAB)
+                assert page.js("return document.activeElement.closest('dialog, #power-off') !== null")
             page.find("#power-off").click()  # a real one, at its place on the screen
             page.until("document.querySelector('#power-off').dataset.outcome === 'done'")
             page.until("trocar.value('PSM1/state.state') === 'DISABLED'", 60)
             page.js("delete document.querySelector('#power-off').dataset.outcome")
             page.find("body").send_keys(Keys.ESCAPE)
             page.until("!document.querySelector('dialog[open]') && !document.querySelector('main.content').inert")
+            assert page.js("return document.activeElement.id") == ("power-on" if dialog == "confirm" else "")
+        page.find("#power-off").click()
+        assert page.note()
+        page.js("document.querySelector('[data-opens=help]').click()")
+        assert page.js("return document.querySelector('.note')") is None, "a refusal beside another question"
         assert page.value("PSM1/state.state") == "DISABLED", "Escape is no yes"
         assert page.wrongs() == []
 
@@ -197,6 +228,24 @@ def test_the_slave_that_follows_is_seen_following(robot: Robot) -> None:
 
 def test_a_board_that_is_gone_is_a_fault_with_its_remedy(robot: Robot) -> None:
     with served(robot, DEMO) as address, chromium(address) as page:
+        gain = "[data-gain=p_gain][data-axis='1']"
+        page.open("/pid/IO1/PSM1")
+        page.until(f"document.querySelector(\"{gain}\").value")
+        page.typed(gain, "123")
+        page.open()
+        page.take_control()
+        page.click("#power-on")
+        page.until("trocar.value('PSM1/state.state') === 'ENABLED'", 90)
+        robot.trocar("send", "boards", "amp_fault", "2", "1", "PSM1")
+        page.until("trocar.value('PSM1/state.state') === 'FAULT'", 60)
+        page.open("/pid/IO1/PSM1")
+        page.until("document.getElementById('edited').textContent.startsWith('1 changed')")
+        assert page.find(gain).get_attribute("value") == "123"
+        page.open("/io/IO1/PSM1")
+        page.until("/axis 2/.test(document.querySelector('.fault').innerText)")
+        page.until("document.querySelector('.fault .remedy').textContent")
+        assert page.js("return [...document.querySelectorAll('.actuators tr.on')].map((row) => row.rowIndex)") == [3]
+        robot.trocar("send", "boards", "amp_fault", "2", "0", "PSM1")
         page.open()
         page.take_control()
         page.click("#power-on")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import math
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -35,56 +37,51 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserPage]:
             yield page
 
 
-def held(page: BrowserPage, css: str, condition: str) -> None:
-    """Hold a button until something is so; once more where a busy machine has cost the page its control, or the jog."""
-    for _ in range(12):
-        page.take_control()
-        button = page.find(css)
-        page.js("arguments[0].scrollIntoView({block: 'center'})", button)
-        ActionChains(page.driver).move_to_element(button).click_and_hold().perform()
-        try:
-            page.until(f"({condition}) || document.body.dataset.control !== 'you'"
-                       " || !document.querySelector('.jog.on')")
-        finally:
-            ActionChains(page.driver).release().perform()
-        if page.js(f"return {condition}"):
-            return
-    pytest.fail(f"held in vain: {css}")
-
-
 def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(page: BrowserPage) -> None:
     page.open("/arm/PSM1")
     page.take_control()
     page.until("document.querySelector('[data-goal=\"2\"]').value === '120.00'")
     before = page.value("PSM1/state.position")[0]
-    held(page, ".jog[data-joint='0'][data-sign='1']", f"trocar.value('PSM1/state.position')[0] > {before} + 0.02")
+    page.held(".jog[data-joint='0'][data-sign='1']", f"trocar.value('PSM1/state.position')[0] > {before} + 0.02")
     page.until("Math.abs(trocar.value('PSM1/state.velocity')[0]) < 1e-4 && !document.querySelector('.jog.on')")
     stands = page.value("PSM1/state.position")[0]
-    page.js("const goal = document.querySelector('[data-goal=\"0\"]'); goal.value = '11,5';"
-            "goal.dispatchEvent(new Event('input', {bubbles: true}))")
+    page.typed("[data-goal='1']", "4")
+    page.typed("[data-goal='1']", "4abc")  # before the first preview is answered
+    page.js("return new Promise((go) => setTimeout(go, 500))")
+    assert "wrong" in str(page.find("[data-goal='1']").get_attribute("class"))
+    page.click("[data-does=read]")
+    page.typed("[data-goal='0']", "11,5")
     page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
     assert page.value("PSM1/state.position")[0] == pytest.approx(stands, abs=1e-3), "a preview moves nothing"
     page.take_control()
     page.find("[data-does=move]").click()
+    page.until("document.getElementById('confirm').open")
+    assert re.search(r"yaw [\d.-]+ → 11.50 °\?", page.find("#confirm-text").text)
     page.answer_yes()
     page.until("Math.abs(trocar.value('PSM1/state.position')[0] - 11.5 * Math.PI / 180) < 1e-3")
     tip = page.value("PSM1/state.measured_cp")
-    held(page, ".jog[data-twist=linear][data-axis='0'][data-sign='1']",
+    page.held(".jog[data-twist=linear][data-axis='0'][data-sign='1']",
          f"trocar.value('PSM1/state.measured_cp')[0] > {tip[0]} + 0.002")
     after = page.value("PSM1/state.measured_cp")
     assert after[1:3] == pytest.approx(tip[1:3], abs=1e-3), "only along x"
-    page.js("const goal = document.querySelector('[data-goal=\"0\"]'); goal.value = '170';"
-            "goal.dispatchEvent(new Event('input', {bubbles: true}))")
+    page.typed("[data-goal='0']", "170")
     page.until("document.querySelector('[data-goal=\"0\"]').classList.contains('wrong')")
     page.click("[data-does=move]")
     page.until("/limits/.test(document.querySelector('.note')?.textContent)")
+    page.resize(*SIZES[1])
+    page.until("document.querySelector('.stage').stage.camera.aspect < 3.0")
+    assert page.js("""const { stage } = document.querySelector('.stage');
+        return stage.points(() => true, true).map((point) => point.project(stage.camera))
+          .every(({ x, y }) => Math.abs(x) < 1 && Math.abs(y) < 1)""")
+    assert page.js("return getComputedStyle(document.querySelector('.stage')).padding") == "0px"
+    assert page.js("""const { stage } = document.querySelector('.stage'), { PSM1 } = stage.models;
+        trocar.data('scene').arms.PSM1.frame = 'PSM1_base';
+        [stage.only, stage.carts] = ['', () => (stage.carried = { PSM1: [1, 2, 3, 0, 0, 0, 1] })];
+        stage.refresh();
+        return [...PSM1.group.matrix.elements.slice(12, 15), PSM1.rail.children[3].material === PSM1.warn]""") == [
+        1, 2, 3, False], "at the end of its setup arm, without the colour of a limit"
+    page.resize(*SIZES[0])
     assert page.wrongs() == []
-
-
-def typed(page: BrowserPage, css: str, text: str) -> None:
-    """Into an input, as a person does."""
-    page.js("const input = document.querySelector(arguments[0]); input.value = arguments[1];"
-            "input.dispatchEvent(new Event('input', {bubbles: true}))", css, text)
 
 
 def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
@@ -94,8 +91,8 @@ def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
     page.until(f"document.querySelector(\"{x}\")?.value")
     before = page.value("PSM1/state.measured_cp")
     goal, turn = before[0] * 1e3 + 12.5, float(page.find(z).get_attribute("value") or "") - 15.0
-    typed(page, x, f"{goal:.2f}".replace(".", ","))
-    typed(page, z, f"{turn:.2f}".replace(".", ","))
+    page.typed(x, f"{goal:.2f}".replace(".", ","))
+    page.typed(z, f"{turn:.2f}".replace(".", ","))
     page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
     assert page.value("PSM1/state.measured_cp") == pytest.approx(before, abs=1e-4), "a preview moves nothing"
     page.find("[data-does=move-tip]").click()
@@ -107,11 +104,11 @@ def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
     assert half == pytest.approx(math.cos(math.radians(7.5)), abs=1e-4)
     page.click("[data-does=read-tip]")
     assert abs(float(page.find(z).get_attribute("value") or "") - turn) < 0.05
-    typed(page, x, "900")
+    page.typed(x, "900")
     page.until("/cannot go there/.test(document.getElementById('tip-says').textContent)")
     page.click("[data-does=move-tip]")
     page.until("/cannot go there/.test(document.querySelector('.note.bad')?.textContent)")
-    typed(page, x, "zwölf")
+    page.typed(x, "zwölf")
     page.click("[data-does=move-tip]")
     page.until("/or invalid/.test(document.querySelector('.note.bad')?.textContent)")
 
@@ -124,7 +121,7 @@ def test_nothing_is_read_of_an_arm_without_power(page: BrowserPage) -> None:
     page.until("trocar.value('PSM1/state.valid') === false")
     goal, x = "[data-goal='1']", "[data-pose=tip][data-part='0']"
     for css, does in ((goal, "read"), (x, "read-tip")):
-        typed(page, css, "11,5")
+        page.typed(css, "11,5")
         page.js("document.querySelector('.note')?.remove()")
         page.click(f"[data-does={does}]")
         assert "Nothing is measured now" in page.note()
@@ -143,11 +140,16 @@ def test_what_is_typed_keeps_its_meaning_where_units_change(page: BrowserPage) -
     x, turn = "[data-pose=tip][data-part='0']", "[data-pose=tip][data-part='3']"
     page.until(f"document.querySelector(\"{x}\")?.value && document.querySelector(\"{sliding}\")?.value")
     for css, text in ((turning, "11,5"), (sliding, "120"), (jaw, "20"), (x, "12.5"), (turn, "nothing")):
-        typed(page, css, text)
+        page.typed(css, text)
 
     def seen() -> list[str]:
         return [str(page.find(css).get_attribute("value")) for css in (turning, sliding, jaw, x, turn)]
 
+    assert page.js("""const live = document.querySelector('script').src;
+        const { inUnits, typed } = await import(live.replace('live', 'units'));
+        return [...['1,000', '0x10', '12abc', '1e', '0,125', '−3.5', '2.', '1500'].map(typed),
+          inUnits('insertion 0.3 m is beyond 0.24 m, at 1 m/s and 0.5 rad')]""") == [
+        None, None, None, None, 0.125, -3.5, 2, 1500, "insertion 300 mm is beyond 240 mm, at 1 m/s and 28.648 °"]
     page.click("[data-does=units]")
     assert seen() == ["0.2007129", "0.12", "0.3490659", "0.0125", "nothing"]
     page.until("[...document.querySelectorAll('[data-unit=r]')].every((unit) => unit.textContent === 'rad')")
@@ -173,8 +175,8 @@ def test_a_base_frame_is_set_and_forgotten(page: BrowserPage) -> None:
     page.until("document.querySelector(\"[data-pose=base][data-part='0']\")?.value")
     page.find("details summary").click()
     before = page.value("PSM1/state.measured_cp")
-    typed(page, "[data-pose=base][data-part='2']", "100,5")
-    typed(page, "#base-in", "table")
+    page.typed("[data-pose=base][data-part='2']", "100,5")
+    page.typed("#base-in", "table")
     page.find("[data-does=set-base]").click()
     page.until("document.getElementById('confirm').open")
     asked = page.find("#confirm-text").text
@@ -182,7 +184,7 @@ def test_a_base_frame_is_set_and_forgotten(page: BrowserPage) -> None:
     page.answer_yes()
     page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[2] - {before[2]} - 0.1005) < 1e-6")
     assert page.value("PSM1/state.reference_frame") == "table"
-    typed(page, "[data-pose=base][data-part='2']", "0")
+    page.typed("[data-pose=base][data-part='2']", "0")
     page.find("[data-does=set-base]").click()
     page.answer_yes()
     page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[2] - {before[2]}) < 1e-6")
@@ -221,6 +223,9 @@ def test_a_plot_shows_a_move_and_gives_it_as_a_table(page: BrowserPage) -> None:
     count = page.js("return document.querySelector('.plots').plots.csv()").splitlines()
     assert count[0] == "stamp_s,PSM1/state.position[0] rad or m,PSM1/state.velocity[0] rad/s or m/s"
     assert len(count) > 50
+    page.js("document.querySelector('.plots').plots.signals()[1].unit = 'counts, \"raw\"'")
+    (head, *rows) = csv.reader(page.js("return document.querySelector('.plots').plots.csv()").splitlines())
+    assert head[2] == 'PSM1/state.velocity[0] counts, "raw"' and {len(row) for row in rows} == {3}
     page.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
     try:  # a finger on a tablet
         x, y = page.js("const at = document.getElementById('plot').getBoundingClientRect();"
@@ -246,6 +251,7 @@ def test_a_paused_plot_takes_nothing_and_goes_on_with_a_gap(page: BrowserPage) -
     assert page.js(f"return {signal}.t.length") == kept[0]
     page.js("document.querySelector('.plots').plots.add('PSM1/state.position[1]')")
     page.until("document.querySelector('.plots').plots.signals()[1].t.length > 50")  # what was before
+    assert "–" not in page.js("return document.getElementById('plot-legend').textContent")
     page.click("[data-plot=pause]")
     page.until(f"{signal}.t.length > {kept[0] + 5}")
     assert page.js(f"return {signal}.v[{kept[0]}]") is None
@@ -277,11 +283,13 @@ def test_one_of_two_browsers_has_control_and_loses_it(page: BrowserPage) -> None
         assert other.js("return document.body.dataset.control") != "you"
         other.take_control()
         one.until("document.body.dataset.control === 'other'")
+        assert "another page took it" in one.find("#control-lost").text
         other.driver.get("about:blank")
         one.until("document.body.dataset.control === 'none'")
         one.take_control()
         one.js("setInterval = null; for (let i = 0; i < 10000; i++) clearInterval(i)")  # it is silent
         one.until("document.body.dataset.control !== 'you'", 10)
+        assert "silent for too long" in one.find("#control-lost").text
 
 
 def test_a_refused_command_says_why_where_it_was_pressed(page: BrowserPage) -> None:
@@ -340,7 +348,7 @@ FULL = KINEMATIC.with_name("kinematic-full.yaml")
 GHOST = "document.querySelector('.stage')?.stage?.asked"
 
 
-@pytest.mark.parametrize(("width", "height"), SIZES)
+@pytest.mark.parametrize(("width", "height"), SIZES[:2])
 def test_a_pose_that_is_asked_for_is_a_ghost_until_the_asking_program_is_killed(
         page: BrowserPage, width: int, height: int) -> None:
     with chromium(page.address, width, height) as other:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -183,3 +184,21 @@ def test_pages_are_whole_escaped_and_the_same_for_one_system(tmp_path: Path) -> 
 def test_pages_of_what_a_system_lacks_are_not_made(tmp_path: Path) -> None:
     made = {path for path, _, _ in pages_of_system(system("kinematic.yaml", tmp_path))}
     assert {"/", "/arm/PSM1", "/plots"} <= made and not {"/focus", "/suj", "/console", "/teleop"} & made
+
+
+def test_an_arm_has_one_colour_and_a_disabled_teleoperation_its_last_stop(tmp_path: Path) -> None:
+    def parts(path: str) -> list[Part]:
+        wants, content = next((wants, content) for made, wants, content in pages_of_system(document) if made == path)
+        with page(document, path, wants) as whole:
+            content()
+        return list(whole.all())
+
+    def colour(path: str) -> int:
+        (stage,) = (part for part in parts(path) if "data-drawn" in part.props)
+        return int(json.loads(stage.props["data-drawn"])["arms"]["PSM2"]["colour"])
+
+    document = system("kinematic-full.yaml", tmp_path)
+    assert colour("/3d") == colour("/arm/PSM2") == 1
+    for path in ("/", "/teleop", "/console"):
+        stops = [part for part in parts(path) if part.text == "Last stop: " and part.parent and part.parent.parent]
+        assert stops and all(part.parent.parent.props["data-show"].endswith("state=DISABLED") for part in stops)

@@ -138,6 +138,7 @@ def test_setup_arms_end_where_the_arms_that_they_carry_begin(full: SystemConfig,
                 ends = matrix_from_pose(np.array(shown[arm.name]["frames"][-7:]))
                 assert np.allclose(ends, setups.local[place], atol=1e-4), arm.name
                 assert shown[arm.name]["valid"] is (place != 1) and not shown[arm.name]["late"]
+                assert shown[arm.name]["carries"] == arm.carries
             assert all(row["late"] for row in scene.read(monotonic_ns() + 10**9).values())
         record.close()
     finally:

@@ -56,8 +56,9 @@ def pages_of_system(document: SystemConfig) -> list[MadePage]:
     made = [row for row in made if row[0] in linked]
     made += [(f"/arm/{arm.name}", (MESSAGES, SCENE), partial(arm_page, document, arm)) for arm in document.arms]
     robots = robots_of(document)
-    for section, content_of, found in (("io", io_page, with_actuators(robots)), ("pid", pid_page, with_gains(robots))):
-        made += [(path, (), partial(content_of, found, robot)) for robot in found for path in
+    for section, wants, content_of, found in (("io", (MESSAGES,), io_page, with_actuators(robots)),
+                                              ("pid", (), pid_page, with_gains(robots))):
+        made += [(path, wants, partial(content_of, found, robot)) for robot in found for path in
                  ((robot.path(section), f"/{section}") if robot is found[0] else (robot.path(section),))]
     return made
 

@@ -8,7 +8,7 @@ from trocar.procs.document.consoles import Console, TeleopEcmConfig, TeleopPsmCo
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.element import Part
-from trocar.procs.gui.pages.parts import box, button, head, live
+from trocar.procs.gui.pages.parts import box, button, head, live, teleop_reason
 
 PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
                  ("camera", "camera", "emulate_camera"))
@@ -80,4 +80,4 @@ def _selected(console: str, name: str, selected: str) -> None:
             box("spacer")
             Part("span", "light", "following", data_on=f"{state}.following")
             live(f"{state}.state", classes="chip small", data_tone="")
-        live(f"{state}.reason", tag="p", classes="quiet", data_show=f"{state}.reason")
+        teleop_reason(state)

@@ -116,7 +116,9 @@ def _bar(document: SystemConfig, here: str) -> None:
         box("spacer")
         if document.clock != WALL:
             Part("span", "badge", "simulated time", title="Boards are emulated, or arms have no robot")
-        Part("span", "lost", "not connected")
+        Part("span", "lost", "not connected", role="status")
+        Part("button", "warns", "Load the new page", type="button", id="reload", hidden=True)
+        Part("button", "warns", type="button", id="control-lost", role="alert", hidden=True, title="Hide this")
         Part("button", "quiet", "?", type="button", data_opens="help", title="Keys and first steps (?)")
         Part("button", "quiet", "◐", type="button", data_does="theme", title="Dark or light", aria_label="Theme")
         Part("button", "control", "Take control", type="button", id="control")

@@ -74,6 +74,15 @@ def reason(arm: str, state: str) -> None:
         live(f"{state}.reason", tag="p", data_show=f"{state}.reason")
 
 
+def teleop_reason(state: str) -> None:
+    """Why a teleoperation does not follow; once it is DISABLED, why it stopped."""
+    with box(data_show=f"!{state}.state=DISABLED"):
+        live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
+    with box("quiet", data_show=f"{state}.state=DISABLED"), Part("p", data_show=f"{state}.reason"):
+        Part("span", "", "Last stop: ")
+        live(f"{state}.reason")
+
+
 def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, confirm: str = "",
            **attributes: Any) -> Part:
     """A command button; buttons that only stop something work from every page, without control."""

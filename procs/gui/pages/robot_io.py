@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.assets import script
 from trocar.procs.gui.pages.element import Part
 from trocar.procs.gui.pages.parts import arg, box, button, columns, form, live, switch, units
@@ -48,9 +49,7 @@ def io_page(robots: Sequence[IoRobot], robot: IoRobot) -> None:
                 Part("span", f"light {tone}".strip(), text, data_on=light, **({"data_show": light} if tone else {}))
             if robot.robot.brakes:
                 Part("span", "light", "brakes released", data_on=f"{source}.brakes_released")
-        with box("fault", data_show=f"{source}.fault"):
-            live(f"{source}.cause", tag="p")
-            live(f"{source}.remedy", tag="p", classes="remedy")
+        _fault(robot)
         live(f"{source}.desired_refused", tag="p", classes="reason", data_show=f"{source}.desired_refused")
         _table(robot)
     with box("cards"):
@@ -59,6 +58,23 @@ def io_page(robots: Sequence[IoRobot], robot: IoRobot) -> None:
             _encoders(robot)
         if robot.robot.brakes:
             _brakes(robot)
+
+
+def _fault(robot: IoRobot) -> None:
+    """The arm's fault, which names the axis; that of the io alone where the arm has none."""
+    source, own = robot.source, f"{robot.source}.fault"
+    if robot.pid is None:
+        with box("fault", data_show=own):
+            live(f"{source}.cause", tag="p")
+            live(f"{source}.remedy", tag="p", classes="remedy")
+        return
+    state = record(robot.pid.arm)
+    with box("fault", data_show=f"{state}.state=FAULT"):
+        live(f"{state}.reason", tag="p")
+        Part("p", "remedy", data_remedy=robot.pid.arm)
+    with box(data_show=f"!{state}.state=FAULT"), box("fault", data_show=own):
+        live(f"{source}.cause", tag="p")
+        live(f"{source}.remedy", tag="p", classes="remedy")
 
 
 def _about(robot: IoRobot) -> str:
@@ -73,13 +89,15 @@ def _table(robot: IoRobot) -> None:
         columns(COLUMNS)
         with Part("tbody"):
             for i, (name, slide) in enumerate(zip(robot.axis_names, slides(robot.robot, robot.pid), strict=True)):
-                _actuator(robot.source, i, name, "p" if slide else "r")
+                _actuator(robot, i, name, "p" if slide else "r")
             for i in range(len(robot.robot.brakes)):
                 _brake(robot.source, i, len(robot.robot.actuators) + i)
 
 
-def _actuator(source: str, i: int, name: str, kind: str) -> None:
-    with Part("tr"):
+def _actuator(robot: IoRobot, i: int, name: str, kind: str) -> None:
+    source = robot.source
+    faulty = {"data_on": f"{record(robot.pid.arm)}.reason~{robot.robot.name} axis {i} "} if robot.pid else {}
+    with Part("tr", **faulty):
         with Part("td"):
             Part("span", "number", str(i))
             Part("span", "", name)

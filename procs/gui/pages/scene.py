@@ -32,8 +32,9 @@ def arm_scene(document: SystemConfig, only: str = "") -> None:
 
 def _drawn(document: SystemConfig, arm: ArmConfig, files: list[str]) -> dict[str, Any]:
     """Data that a page needs to draw an arm, and to pull on its emulated robot."""
-    return {"type": arm.type, "robot": _emulated(document, arm), "parts": drawn_parts(arm, files),
-            "joints": len(arm.chain.links)}
+    same = [other.name for other in document.arms if other.type == arm.type]
+    return {"type": arm.type, "colour": same.index(arm.name), "robot": _emulated(document, arm),
+            "parts": drawn_parts(arm, files), "joints": len(arm.chain.links)}
 
 
 def _emulated(document: SystemConfig, arm: ArmConfig) -> str:

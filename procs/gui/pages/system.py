@@ -10,7 +10,7 @@ from trocar.procs.gui.catalogue import MESSAGES, record
 from trocar.procs.gui.pages.console import PEDALS, teleop_buttons
 from trocar.procs.gui.pages.element import Part
 from trocar.procs.gui.pages.frame import moving, power_buttons
-from trocar.procs.gui.pages.parts import box, button, choice, head, live, reason, state_buttons
+from trocar.procs.gui.pages.parts import box, button, choice, head, live, reason, state_buttons, teleop_reason
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
 """Sub-states that chip and light show too."""
@@ -126,7 +126,7 @@ def teleop_row(name: str) -> None:
             box("spacer")
             Part("span", "light", "following", data_on=f"{state}.following")
             live(f"{state}.state", classes="chip small", data_tone="")
-        live(f"{state}.reason", tag="p", classes="quiet", data_show=f"{state}.reason")
+        teleop_reason(state)
 
 
 def _messages(document: SystemConfig) -> None:

@@ -9,7 +9,7 @@ from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.console import PEDALS, SCALES, teleop_buttons
 from trocar.procs.gui.pages.element import Part
-from trocar.procs.gui.pages.parts import box, button, head, live
+from trocar.procs.gui.pages.parts import box, button, head, live, teleop_reason
 from trocar.procs.gui.pages.poses import axes, numbers, turned
 
 ALIGNS: Final = "The master may move to align."
@@ -48,7 +48,7 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
         with head("span", "title", row.name):
             Part("span", "light", "following", data_on=f"{state}.following")
             live(f"{state}.state", classes="chip", data_tone="")
-        live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
+        teleop_reason(state)
         with box("row facts"):
             for text, field in (("clutched", "clutched"), ("operator active", "operator_active")):
                 Part("span", "light", text, data_on=f"{state}.{field}")

@@ -1,6 +1,6 @@
 // The page of an arm: jog while held, goals as people type them, a preview in 3D before anything moves.
 import { ask, asked, fixed, jogBegins, note, onTick, sourceAge, value } from "./live.js";
-import { onUnits, perUnit, typed, unit, units } from "./units.js";
+import { inUnits, onUnits, perUnit, typed, unit, units } from "./units.js";
 
 const page = document.querySelector("[data-arm]");
 export const arm = page.dataset.arm;
@@ -52,20 +52,35 @@ function goal() {
   return isRight && found.length ? found : null;
 }
 
+// The joints that would move, from and to, as the page shows them.
+function moves() {
+  const digits = units() === "deg" ? 2 : 4;
+  const shown = (q, i) => fixed(q * factor(i), digits);
+  const words = goal().map((q, i) => [shown(measured()[i], i), shown(q, i), i]).filter(([from, to]) => from !== to);
+  return words.map(([from, to, i]) => `${value(`${state}.names`)[i]} ${from} → ${to} ${unit(slides(i))}`).join(", ") || "it is there already";
+}
+
 export const stage = () => document.querySelector(".stage")?.stage;
 
-// The arm's preview as a green shape; null, with a note, if the pose is out of reach.
+// The arm's preview as a green shape; null, with a note, if the pose is out of reach, or another one was asked meanwhile.
+let newest = 0;
 export async function previewed(wanted, says) {
+  const mine = ++newest;
   const [outcome, answer] = await ask({ op: "preview", arm, ...wanted });
+  if (mine !== newest) return null;
   const found = outcome === "done" ? JSON.parse(answer) : null;
-  says.textContent = found ? "" : answer;
+  says.textContent = found ? "" : inUnits(answer);
   stage()?.preview(found?.frames, value(`${state}.jaw_position`));
   return found;
 }
 
 async function preview() {
   const wanted = goal();
-  if (!wanted) return false;
+  if (!wanted) {
+    newest += 1; // a late answer does not make what is typed now look right
+    stage()?.preview(null);
+    return false;
+  }
   const says = document.getElementById("preview-says");
   const found = await previewed({ position: wanted }, says);
   if (!found) return false;
@@ -90,7 +105,7 @@ page.addEventListener("click", async (event) => {
   else if (button.dataset.does === "read-jaw") readJaw(button);
   else if (button.dataset.does === "move") {
     if (!(await preview())) return note(button, "bad", goal() ? document.getElementById("preview-says").textContent : "A number is missing or invalid.");
-    button.dataset.confirm = `Move ${arm} to this position? The green shape shows it.`;
+    button.dataset.confirm = `Move ${arm}: ${moves()}? The green shape shows it.`;
     if (await asked(button, [[[arm, "move_jp", goal(), ""]]])) stage()?.preview(null);
   } else if (button.dataset.does === "jaw") {
     const angle = typed(document.getElementById("jaw-goal").value);

@@ -1,7 +1,7 @@
 // One connection a page: data come in one message a tick, commands go out, answers are shown where one pressed.
 // Attributes define the content of elements, see procs/gui/pages/parts.py.
 import { turns } from "./pose.js";
-import { onUnits, turnUnits, unit, units } from "./units.js";
+import { inUnits, onUnits, turnUnits, unit, units } from "./units.js";
 
 const sources = {}; // newest data by source
 const heard = {}; // when each source last changed, ms
@@ -12,6 +12,10 @@ let holder = "";
 let lastTick = 0;
 let tick = 0; // the number of the newest one
 let refused = ""; // the server's reason for ending the connection, if it gave one
+let lost = ""; // why this page lost control, until it has it again or a person has seen that
+let expected = 0; // until when control is expected after a change of pages, ms
+let isGiven = false; // a person has given control back
+const KEPT_MS = 5000; // control is kept that long while a person changes pages
 let number = 0;
 const waiting = new Map(); // commands without an end
 const listeners = []; // called after each tick
@@ -54,14 +58,15 @@ function formatted(v, format) {
   return FORMATS[name](v, ...rest);
 }
 
-// `a.b.c`, `!a.b.c`, `a.b.c=WORD|WORD`, `a.b.c>3`
+// `a.b.c`, `!a.b.c`, `a.b.c=WORD|WORD`, `a.b.c>3`, `a.b.c~part of a text`
 function holds(condition) {
-  const match = /^(!?)([^=><]+)(?:([=><])(.*))?$/.exec(condition);
+  const match = /^(!?)([^=><~]+)(?:([=><~])(.*))?$/.exec(condition);
   const v = value(match[2]);
   let result;
   if (match[3] === "=") result = match[4].split("|").includes(String(v));
   else if (match[3] === ">") result = v > +match[4];
   else if (match[3] === "<") result = v < +match[4];
+  else if (match[3] === "~") result = Boolean(v?.includes(match[4]));
   else result = Boolean(v);
   return match[1] ? !result : result;
 }
@@ -140,6 +145,7 @@ function connect() {
   };
   socket.onclose = (event) => {
     refused = event.reason;
+    if (you) lost = "the connection was interrupted";
     you = false;
     holder = "";
     for (const [, call] of waiting) call("lost", "the connection was lost; the outcome is unknown");
@@ -153,19 +159,37 @@ function connect() {
 // If we are refused: is another token needed now? Then open the page that requests it.
 async function askAgain() {
   const answer = await fetch(import.meta.url, { method: "HEAD", cache: "no-store" }).catch(() => null);
-  if (answer?.status === 401) location.reload();
+  if (answer?.status === 401) outdated();
+}
+
+// What a page holds that loading it again would drop; each function returns it in words, or nothing.
+const keepers = [];
+export const keeps = (keeper) => keepers.push(keeper);
+const kept = () => keepers.map((keeper) => keeper()).filter(Boolean).join(", ");
+window.addEventListener("beforeunload", (event) => !isOutdated && kept() && event.preventDefault());
+
+// The server has other pages now, or needs another token. A person decides when a page is dropped that holds something.
+let isOutdated = false;
+function outdated() {
+  if (isOutdated) return;
+  isOutdated = true;
+  if (!kept()) location.reload();
+  else document.getElementById("reload").hidden = false;
 }
 
 function heed(message) {
   if (message.op === "hello") {
     lastTick = performance.now();
-    if (run && run !== message.run) location.reload(); // another server: this page is none of its own
-    run = message.run;
+    if (run && run !== message.run) outdated();
+    run ||= message.run;
     // A person who changes pages in one tab keeps control, unless another page has taken it meanwhile.
-    const left = Number(sessionStorage.getItem("control") || 0);
+    const before = Number(sessionStorage.getItem("control") || 0);
     sessionStorage.removeItem("control");
-    const since = Date.now() - left; // by the time of day, which may have been set back
-    if (since >= 0 && since < 5000) say({ op: "control", take: true });
+    const since = Date.now() - before; // by the time of day, which may have been set back
+    if (before && since >= 0) {
+      if (since < KEPT_MS) expected = lastTick + 1000;
+      else lost = "changing pages took too long";
+    }
   } else if (message.op === "tick") {
     lastTick = performance.now();
     tick = message.id;
@@ -173,6 +197,12 @@ function heed(message) {
       sources[name] = found;
       heard[name] = lastTick;
     }
+    const isMissed = expected && lastTick > expected;
+    if (message.you) lost = "";
+    else if (isMissed || (you && !isGiven)) lost = message.control ? "another page took it" : "this page was silent for too long";
+    if (message.you || isMissed) expected = 0;
+    if (expected && !message.control) say({ op: "control", take: true }); // the page before was still there
+    isGiven &&= message.you;
     you = message.you;
     holder = message.control;
     shown();
@@ -188,8 +218,11 @@ function heed(message) {
 
 function shown() {
   document.body.dataset.connection = isConnected() ? "live" : "lost";
-  const lost = document.querySelector(".bar .lost");
-  if (lost) put(lost, refused || "not connected");
+  const status = document.querySelector(".bar .lost");
+  if (status) put(status, refused || "not connected");
+  const without = document.getElementById("control-lost");
+  put(without, lost && `Control lost: ${lost} ×`);
+  without.hidden = !lost;
   document.body.dataset.control = you ? "you" : holder ? "other" : "none";
   const button = document.getElementById("control");
   if (localStorage.getItem("first-steps") === "closed") document.getElementById("first-steps")?.remove();
@@ -225,8 +258,8 @@ export function note(element, kind, text) {
   noted?.remove();
   noted = document.createElement("div");
   noted.className = `note ${kind}`;
-  noted.setAttribute("role", "status");
-  noted.textContent = text;
+  noted.setAttribute("role", kind === "bad" ? "alert" : "status");
+  noted.textContent = inUnits(text);
   document.body.append(noted);
   const at = (element.hidden ? document.getElementById("power-off") : element).getBoundingClientRect(); // pressed by its key
   const box = noted.getBoundingClientRect();
@@ -237,11 +270,30 @@ export function note(element, kind, text) {
 }
 
 // A dialog covers the page but for its bar: Power off stays in reach, which a modal one would shut away.
+let left = null; // the element that had the focus before
 function opens(dialog) {
+  noted?.remove(); // a refusal from before would be read as an answer to the question
+  left ??= document.activeElement;
   document.querySelector("main.content").inert = true;
   if (!dialog.open) dialog.show();
 }
-document.addEventListener("close", () => (document.querySelector("main.content").inert = document.querySelector("dialog[open]") !== null), true);
+document.addEventListener("close", () => {
+  const isOpen = document.querySelector("dialog[open]") !== null;
+  document.querySelector("main.content").inert = isOpen;
+  if (isOpen) return;
+  left?.focus();
+  left = null;
+}, true);
+
+// Tab stays within the dialog and Power off.
+document.addEventListener("keydown", (event) => {
+  const dialog = document.querySelector("dialog[open]");
+  if (event.key !== "Tab" || !dialog) return;
+  event.preventDefault();
+  const round = [...dialog.querySelectorAll("button"), document.getElementById("power-off")];
+  const next = round.indexOf(document.activeElement) + (event.shiftKey ? -1 : 1);
+  round.at(next % round.length).focus();
+});
 
 // One question at a time: a new one answers the one before with no.
 let pending = null;
@@ -287,8 +339,14 @@ export async function asked(button, steps, free) {
   return perform(button, steps);
 }
 
+async function reloads() {
+  if (!kept() || await confirmed(`The console has new pages. Loading one drops: ${kept()}. Continue?`)) location.reload();
+}
+
 async function control(button) {
-  if (you) say({ op: "control", take: false });
+  lost = "";
+  if (you) isGiven = say({ op: "control", take: false }) !== false;
+  else if (isOutdated) note(button, "bad", "This page is outdated: load the new one first.");
   else if (!holder || (await confirmed(`${holder} has control. Take it over?`)))
     say({ op: "control", take: true, over: Boolean(holder) });
 }
@@ -297,6 +355,8 @@ document.addEventListener("click", (event) => {
   const button = event.target.closest("button");
   if (!button) return;
   if (button.id === "control") control(button);
+  else if (button.id === "control-lost") (lost = ""), shown();
+  else if (button.id === "reload") reloads();
   else if (button.dataset.steps) asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
   else if (button.dataset.view) document.querySelector(".stage").stage.look(button.dataset.view);
   else if (button.dataset.opens) opens(document.getElementById(button.dataset.opens));

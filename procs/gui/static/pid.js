@@ -44,8 +44,24 @@ function edited(input) {
   else input.dataset.edited = "";
   input.classList.toggle("wrong", v === null);
   input.classList.toggle("edited", !same);
-  const count = changed().length;
-  at("edited").textContent = count ? `${count} changed, not applied` : "nothing changed";
+  remember();
+}
+
+// Edits outlive the page: a person who comes back finds them, not applied as before.
+const KEY = `gains ${document.title} ${location.pathname}`; // with the name of the system
+function remember() {
+  const found = changed();
+  at("edited").textContent = found.length ? `${found.length} changed, not applied` : "nothing changed";
+  sessionStorage.setItem(KEY, JSON.stringify(found.map((input) => [input.dataset.gain, input.dataset.axis, input.value])));
+}
+
+function recall() {
+  for (const [gain, axis, text] of JSON.parse(sessionStorage.getItem(KEY) || "[]")) {
+    const input = inputs.find(({ dataset }) => dataset.gain === gain && dataset.axis === axis);
+    if (!input) continue;
+    input.value = text;
+    edited(input);
+  }
 }
 
 function discard() {
@@ -53,7 +69,7 @@ function discard() {
     delete input.dataset.edited;
     input.classList.remove("edited", "wrong");
   }
-  at("edited").textContent = "nothing changed";
+  remember();
   follow();
 }
 
@@ -218,7 +234,12 @@ document.addEventListener("click", ({ target }) => target.closest("[data-free]")
 at("step").addEventListener("click", (event) => step(event.currentTarget));
 
 choose();
+let isRecalled = false;
 onTick(() => {
+  if (!isRecalled && data(gains)) {
+    isRecalled = true;
+    recall();
+  }
   follow();
   take();
   if (!paused) draw();

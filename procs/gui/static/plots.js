@@ -1,5 +1,5 @@
 // Plots of any numbers: lanes by unit, the newest seconds at full rate; paused, they can be zoomed and saved.
-import { data, note, onTick } from "./live.js";
+import { data, keeps, note, onTick } from "./live.js";
 
 const page = document.querySelector(".plots");
 const topics = await (await fetch(page.dataset.topics)).json();
@@ -8,6 +8,7 @@ const canvas = document.getElementById("plot");
 const legend = document.getElementById("plot-legend");
 const pick = (name) => document.getElementById(`plot-${name}`);
 const COLOURS = ["#4f9cf0", "#e8833a", "#3fbf8f", "#d65db1", "#b98cf0", "#c9b23a", "#5cc6d0", "#e5484d"];
+const KEY = document.title; // with the name of the system
 const KEPT_S = 60;
 let signals = []; // { name, unit, t, v, seen, isCut }
 let isPaused = false;
@@ -30,7 +31,9 @@ function fillIndexes() {
 
 function want() {
   main.dataset.wants = signals.map((signal) => `plot:${signal.name}`).join(" ");
-  history.replaceState(null, "", `#${signals.map((signal) => signal.name).join(",")}`);
+  const names = signals.map((signal) => signal.name).join(",");
+  history.replaceState(null, "", `#${names}`);
+  sessionStorage.setItem(KEY, names); // for when a person comes back to this page
   legend.replaceChildren(...signals.map((signal, i) => {
     const chip = Object.assign(document.createElement("button"), { type: "button", className: "chip", title: "Remove" });
     chip.style.borderColor = chip.style.color = COLOURS[i % COLOURS.length];
@@ -51,6 +54,7 @@ function add(name) {
 }
 
 function take() {
+  let isDue = !isPaused;
   for (const signal of signals) {
     const found = data(`plot:${signal.name}`);
     if (!found?.t || found === signal.seen) continue;
@@ -60,21 +64,26 @@ function take() {
       signal.isCut = true;
       continue;
     }
-    if (signal.isCut && found.t.length) {
+    // A new connection repeats the history; a system that was started again has another clock.
+    const last = signal.t.at(-1) ?? -Infinity;
+    isDue ||= !signal.t.length;
+    if (found.t.length && found.t.at(-1) < last) signal.t.length = signal.v.length = 0;
+    const begin = signal.t.length ? first(found.t, last + 1e-6) : 0;
+    if (signal.isCut && begin < found.t.length) {
       signal.isCut = false;
-      signal.t.push(found.t[0]);
+      signal.t.push(found.t[begin]);
       signal.v.push(null); // no line across a gap
     }
-    for (let i = 0; i < found.t.length; i++) {
+    for (let i = begin; i < found.t.length; i++) {
       signal.t.push(found.t[i]);
       signal.v.push(found.v[i]);
     }
-    const last = signal.t.at(-1) || 0;
-    const old = first(signal.t, last - KEPT_S - 2);
+    const newest = signal.t.at(-1) || 0;
+    const old = first(signal.t, newest - KEPT_S - 2);
     if (old > 2000) (signal.t.splice(0, old), signal.v.splice(0, old));
-    if (!isPaused) end = Math.max(end, last);
+    if (!isPaused) end = newest < end - KEPT_S ? newest : Math.max(end, newest);
   }
-  if (!isPaused) draw();
+  if (isDue) draw();
 }
 
 const range = () => zoom || [end - Number(pick("span").value), end];
@@ -179,12 +188,13 @@ function csv() {
   const [from, to] = range();
   const times = [...new Set(signals.flatMap((signal) => signal.t.slice(first(signal.t, from), first(signal.t, to + 1e-9))))].sort((a, b) => a - b);
   const maps = signals.map((signal) => new Map(signal.t.map((t, i) => [t, signal.v[i]])));
-  const head = ["stamp_s", ...signals.map((signal) => `${signal.name} ${signal.unit}`.trim())].join(",");
+  const quoted = (text) => (/[",]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+  const head = ["stamp_s", ...signals.map((signal) => quoted(`${signal.name} ${signal.unit}`.trim()))].join(",");
   return [head, ...times.map((t) => [t, ...maps.map((map) => map.get(t) ?? "")].join(","))].join("\n");
 }
 
 const DOES = {
-  add: (button) => add(`${pick("topic").value}.${pick("field").value}${pick("index").value}`) ? want() : note(button, "bad", `It is already shown, or there are ${COLOURS.length} signals.`),
+  add: (button) => add(`${pick("topic").value}.${pick("field").value}${pick("index").value}`) ? (want(), draw()) : note(button, "bad", `It is already shown, or there are ${COLOURS.length} signals.`),
   pause: (button) => {
     isPaused = !isPaused;
     button.textContent = isPaused ? "Resume" : "Pause";
@@ -225,7 +235,8 @@ pick("topic").replaceChildren(...Object.keys(topics).map((name) => option(name, 
 if (page.dataset.first) pick("topic").value = page.dataset.first;
 fillFields();
 if (field()?.[0] !== "position" && topics[page.dataset.first]?.some((row) => row[0] === "position")) (pick("field").value = "position"), fillIndexes();
-for (const name of decodeURIComponent(location.hash.slice(1)).split(",").filter(Boolean)) add(name);
+keeps(() => isPaused && signals.some((signal) => signal.t.length) && "the paused plot");
+for (const name of (decodeURIComponent(location.hash.slice(1)) || sessionStorage.getItem(KEY) || "").split(",").filter(Boolean)) add(name);
 want();
 onTick(take);
-page.plots = { add: (name) => add(name) && want(), signals: () => signals, zoom: () => zoom, csv };
+page.plots = { add: (name) => add(name) && (want(), draw()), signals: () => signals, zoom: () => zoom, csv };

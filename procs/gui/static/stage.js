@@ -10,7 +10,6 @@ const NEAR = "#ff9f1c";
 const GHOST = "#2dd4bf";
 const FAINT = { transparent: true, opacity: 0.35, depthWrite: false };
 const TRAIL = 200;
-const RAIL_TOP = new THREE.Vector3(0, 0.065, -0.46);
 const UP = new THREE.Vector3(0, 1, 0);
 const MARGIN = 1.12; // around the camera's objects
 const NEAREST = 0.5; // m
@@ -50,7 +49,7 @@ class ArmModel {
     if (this.isRemote) {
       this.rail.add(this.box(0.035, 0.03, 0.4, 0, 0.065, -0.28), this.box(0.03, 0.065, 0.03, 0, 0.032, -0.09));
       this.rail.add(new THREE.Mesh(new THREE.CylinderGeometry(0.0065, 0.0065, 0.08, 20, 1, true).rotateX(Math.PI / 2).translate(0, 0, -0.03), this.steel));
-      this.rail.add(new THREE.Mesh(new THREE.TorusGeometry(0.012, 0.0022, 8, 28), this.warn));
+      this.rail.add(new THREE.Mesh(new THREE.TorusGeometry(0.012, 0.0022, 8, 28), this.steel));
       this.carriage.add(this.box(0.055, 0.085, 0.07, 0, 0.025, -0.02));
     } else this.carriage.add(this.box(0.09, 0.09, 0.03, 0, 0, 0));
     this.group.add(this.tip, this.jaw, this.rail, this.carriage);
@@ -197,6 +196,13 @@ function rooted(frame) {
   return matrix;
 }
 
+// Corners of the box around a part, in the room.
+function corners(part) {
+  if (!part.children.length) return [];
+  const { min, max } = new THREE.Box3().setFromObject(part);
+  return [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) => new THREE.Vector3(x, y, z))));
+}
+
 const HANDLE = new THREE.SphereGeometry(0.018, 20, 14);
 
 // A virtual hand: it pulls at the tip of an emulated robot, to where the pointer is, twenty times a second.
@@ -273,13 +279,12 @@ class Stage {
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.later());
-    const used = {};
+    this.controls.addEventListener("start", () => (this.view = ""));
     this.models = {};
     this.setups = {};
     for (const [name, drawn] of Object.entries(this.arms)) {
       const colours = COLOURS[drawn.type] || COLOURS.PSM;
-      used[drawn.type] = (used[drawn.type] ?? -1) + 1;
-      const model = new ArmModel(name, drawn, colours[used[drawn.type] % colours.length], false);
+      const model = new ArmModel(name, drawn, colours[drawn.colour % colours.length], false);
       model.type = drawn.type;
       if (drawn.robot && !this.only) {
         model.robot = drawn.robot;
@@ -312,6 +317,7 @@ class Stage {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
+    if (this.isPlaced && this.view) this.look(this.view); // unless a person has turned it
     this.later();
   }
 
@@ -332,6 +338,10 @@ class Stage {
       if (parent && parent !== model) {
         parent.tip.updateWorldMatrix(true, false);
         model.group.matrix.copy(parent.tip.matrixWorld);
+      } else if (this.carried?.[name] && arm.frame === `${name}_base`) {
+        // Its poses are in its own base so far, and that is where its setup arm ends.
+        const [x, y, z, ...turn] = this.carried[name];
+        model.group.matrix.compose(new THREE.Vector3(x, y, z), new THREE.Quaternion(...turn), new THREE.Vector3(1, 1, 1));
       } else {
         model.group.matrix.copy(rooted(arm.frame));
         if (arm.frame === "HRSV" && this.beside) model.group.matrix.setPosition(this.beside);
@@ -359,7 +369,9 @@ class Stage {
 
   // Carts are in the frame "Cart", the reference of the arms mounted on them.
   carts(found) {
+    this.carried = {};
     for (const [cart, arms] of Object.entries(found || {})) {
+      for (const arm of Object.values(arms)) if (arm.carries) this.carried[arm.carries] = arm.frames.slice(-7);
       const isNew = !this.setups[cart] && Object.keys(arms).length;
       if (isNew) this.setups[cart] = Object.fromEntries(Object.keys(arms).map((name) => [name, new SetupModel(false)]));
       for (const [name, arm] of Object.entries(arms)) this.setups[cart][name].show(arm);
@@ -397,8 +409,10 @@ class Stage {
       found.push(new THREE.Vector3(0, 0, 0)); // position of its column
       for (const setup of Object.values(setups)) found.push(...setup.at);
     }
-    for (const model of Object.values(this.models).filter(wanted))
-      for (const at of model.isRemote && model.size ? [...model.at, RAIL_TOP.clone().applyMatrix4(model.rail.matrix)] : model.at) found.push(at.clone().applyMatrix4(model.group.matrixWorld));
+    for (const model of Object.values(this.models).filter(wanted)) {
+      for (const at of model.at) found.push(at.clone().applyMatrix4(model.group.matrixWorld));
+      if (model.size) for (const part of [model.rail, model.carriage]) found.push(...corners(part));
+    }
     for (const at of (whole && this.asked?.at) || []) found.push(at.clone().applyMatrix4(this.asked.group.matrixWorld));
     return found;
   }
@@ -414,6 +428,7 @@ class Stage {
   }
 
   look(view) {
+    this.view = view;
     const points = this.points((model) => (view === "masters" ? model.type === "MTM" : view === "all" || model.type !== "MTM" || this.only), view === "all");
     if (!points.length) return;
     const box = new THREE.Box3().setFromPoints(points);

@@ -54,7 +54,7 @@ document.addEventListener("click", async (event) => {
   else if (does === "move-tip") {
     const pose = wanted("tip");
     if (!pose || !(await preview(pose))) return note(button, "bad", pose ? says().textContent : NO_NUMBER);
-    button.dataset.confirm = `Move the tip of ${arm} there? The green shape shows it. The joints move straight; the tip may not.`;
+    button.dataset.confirm = `Move the tip of ${arm} to ${said(pose)}? The green shape shows it. The joints move straight; the tip may not.`;
     if (await asked(button, [[[arm, "move_cp", pose, ""]]])) stage()?.preview(null);
   } else if (does === "set-base") {
     const pose = wanted("base");

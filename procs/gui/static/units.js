@@ -9,11 +9,16 @@ export const unit = (slides) => (used === "deg" ? (slides ? "mm" : "°") : slide
 export const perUnit = (slides, of = used) => (of !== "deg" ? 1 : slides ? 1000 : 180 / Math.PI);
 export const onUnits = (follower) => followers.push(follower);
 
-// A number as people type it, with a comma or a point; null when it is none.
+// A number as people type it, with a comma or a point; null when it is none, or could be read as another one: 1,000.
+const NUMBER = /^[-+−]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?$/i;
+const GROUPED = /^[-+−]?[1-9]\d{0,2},\d{3}$/;
 export function typed(text) {
-  const found = Number(text.trim().replace(",", ".").replace("−", "-"));
-  return text.trim() && Number.isFinite(found) ? found : null;
+  const found = text.trim();
+  return NUMBER.test(found) && !GROUPED.test(found) ? Number(found.replace(",", ".").replace("−", "-")) : null;
 }
+
+// A sentence of a process, which speaks of m and rad, in the units of the page.
+export const inUnits = (text) => used !== "deg" ? text : text.replace(/(-?\d+(?:\.\d+)?(?:e-?\d+)?) (m|rad)(?![\w/²])/g, (_, v, of) => `${+(v * perUnit(of === "m")).toPrecision(5)} ${unit(of === "m")}`);
 
 // Whether the typed value is a length. "joint": by the type of the joint chosen in its form.
 function isLength(input) {
