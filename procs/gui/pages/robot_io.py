@@ -96,7 +96,7 @@ def _table(robot: IoRobot) -> None:
 
 def _actuator(robot: IoRobot, i: int, name: str, kind: str) -> None:
     source = robot.source
-    faulty = {"data_on": f"{record(robot.pid.arm)}.reason~{robot.robot.name} axis {i} "} if robot.pid else {}
+    faulty = {"data_on": f"{record(robot.pid.arm)}.reason~{robot.robot.name} axis {i}"} if robot.pid else {}
     with Part("tr", **faulty):
         with Part("td"):
             Part("span", "number", str(i))

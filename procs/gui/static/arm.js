@@ -55,7 +55,7 @@ function goal() {
 // The joints that would move, from and to, as the page shows them.
 function moves() {
   const digits = units() === "deg" ? 2 : 4;
-  const shown = (q, i) => fixed(q * factor(i), digits);
+  const shown = (q, i) => (typeof q === "number" ? fixed(q * factor(i), digits) : "–");
   const words = goal().map((q, i) => [shown(measured()[i], i), shown(q, i), i]).filter(([from, to]) => from !== to);
   return words.map(([from, to, i]) => `${value(`${state}.names`)[i]} ${from} → ${to} ${unit(slides(i))}`).join(", ") || "it is there already";
 }
