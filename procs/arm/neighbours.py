@@ -20,6 +20,7 @@ SEGMENTS: Final = 8
 """Room for those of one arm."""
 LARGEST: Final = 0.25
 """m: an arm whose joints are measured no more may be anywhere within this distance of where it was."""
+PAUSE_NS: Final = 5_000_000
 FIXED, BY_TIP, OWN_TIP = range(3)
 """The relation of two bases: constant; through the other arm's tip; through this arm's tip."""
 
@@ -133,7 +134,7 @@ class Neighbours:
         """`local` is the arm's own name; `other` finds another arm by its name, ValueError: there is none."""
         self._local, self._other = local, other
         self._known: dict[str, OtherArm] = {}
-        self._turn = -1
+        self._turn = self._followed_ns = 0
         self.rows: list[Neighbour] = []
 
     def of(self, wall: Wall) -> list[OtherArm]:
@@ -158,7 +159,7 @@ class Neighbours:
                 rows.append(Neighbour(wall, other, at, limits, hung))
                 first += SEGMENTS if wall.shape == ARMS else 0
             found.append(rows)
-        self.rows, self._turn = [row for rows in found for row in rows], -1
+        self.rows, self._turn, self._followed_ns = [row for rows in found for row in rows], 0, 0
         return found
 
     def own_base_moved(self) -> None:
@@ -169,12 +170,13 @@ class Neighbours:
     def follow(self, now_ns: int, own: Cartesian) -> bool:
         """Once a cycle; returns whether some wall has become known or unknown.
 
-        Joints are read in every cycle; instrument and base frame, which change rarely, of one arm in each.
+        Joints are read in every cycle; instrument and base frame, which change rarely, of one arm in each, and of all
+        after a pause.
         """
         if not self.rows:
             return False
-        for row in self.rows if self._turn < 0 else (self.rows[self._turn],):
+        for row in self.rows if now_ns - self._followed_ns > PAUSE_NS else (self.rows[self._turn],):
             row.other.look(now_ns)
-        self._turn = (self._turn + 1) % len(self.rows)
+        self._followed_ns, self._turn = now_ns, (self._turn + 1) % len(self.rows)
         changed = [row.follow(now_ns, own, self._local) for row in self.rows]
         return any(changed)
