@@ -132,9 +132,13 @@ def test_no_stream_brings_two_arms_nearer_than_they_may_be_and_both_may_leave(pa
         ends = {name: any_joints(rng) for name in pair.names}
         count = int(rng.integers(60, 200))
         for share in np.linspace(0.0, 1.0, count):
+            before = {name: pair.state(name, "setpoint_position")[:6] for name in pair.names}
             for name in pair.names:
                 pair.clients[name].send("servo_jp", begin[name] + share * (ends[name] - begin[name]))
             pair.host.run(STEP_S)
+            for name in pair.names:
+                steps = np.abs(pair.state(name, "setpoint_position")[:6] - before[name])
+                assert (steps <= 1.4 * STEP_S * pair.spaces[name].servo_speed[:6]).all(), "no jump"
             apart = pair.apart()
             assert apart >= least - EXACT or apart < -APART + 1e-4
             least = min(max(apart, least), 0.0)

@@ -10,7 +10,7 @@ from trocar.procs.config.loading.buses import SystemFiles
 from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.document.walls import ARMS, FRAMES, Wall
-from trocar.procs.kinematics.walls.walls import MOST, MOST_OTHERS, objection_to
+from trocar.procs.kinematics.walls.walls import MOST, MAX_OTHERS, objection_to
 from trocar.procs.tables.arm_types import ARM_TYPES
 
 _WALLS: Final[KeyPath] = ("trocar", "walls")
@@ -48,9 +48,9 @@ def _of_arm(system: SystemFiles, arm: ArmConfig) -> tuple[Wall, ...]:
             system.error((*_WALLS, index, "name"), f"{arm.name} has two walls {wall.name}", "a name for each")
         elif len(found) == MOST:
             system.error((*_WALLS, index), f"{arm.name} has more than {MOST} walls", f"{MOST} at most")
-        elif sum(len(row.arms) for row in found) + len(others) > MOST_OTHERS:
-            system.error((*_WALLS, index), f"{arm.name} keeps away from more than {MOST_OTHERS} arms",
-                         f"{MOST_OTHERS} at most, counted once for each wall")
+        elif sum(len(row.arms) for row in found) + len(others) > MAX_OTHERS:
+            system.error((*_WALLS, index), f"{arm.name} keeps away from more than {MAX_OTHERS} arms",
+                         f"{MAX_OTHERS} at most, counted once for each wall")
         else:
             found.append(dataclasses.replace(wall, arms=others))
     return tuple(found)

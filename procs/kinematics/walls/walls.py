@@ -51,7 +51,7 @@ from trocar.procs.tables.arm_types import ARM_TYPES
 
 MOST: Final = 16
 """Walls of one arm."""
-MOST_OTHERS: Final = 8
+MAX_OTHERS: Final = 8
 """Other arms that one arm keeps away from, counted once for each wall."""
 SLOWING_S: Final = 0.05
 """The distance of a setpoint from a wall shrinks with this time constant at most: it slows down, and does not hit."""
