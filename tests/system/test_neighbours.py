@@ -78,6 +78,10 @@ class Pair:
         self.host.run(seconds)
         return [(reply.outcome, reply.text) for reply in self.clients[name].poll() if reply.id == number]
 
+    def reattach(self, name: str) -> None:
+        """After a restart of an arm."""
+        self.clients[name] = self.host.client(name)
+
     def put(self, name: str, base: Array | None) -> None:
         """Set a base frame; None: unknown."""
         if base is not None:
@@ -109,20 +113,27 @@ def pair() -> Iterator[Pair]:
     made.host.close()
 
 
+def facing(pair: Pair, rng: np.random.Generator) -> Array:
+    """A base of PSM2 whose tips are where those of PSM1 are."""
+    kinematics, base = pair.spaces["PSM1"].kinematics, turned(rng, 0.0)
+    assert kinematics is not None
+    middle = kinematics.fk(np.array((0.0, 0.0, 0.14, 0.0, 0.0, 0.0)), np.eye(4))[:3, 3]
+    base[:3, 3] = middle + rng.uniform(-0.03, 0.03, 3) - base[:3, :3] @ middle
+    return base
+
+
 def any_joints(rng: np.random.Generator) -> Array:
     return rng.uniform((-0.4, -0.4, 0.1, -1.0, -0.6, -0.6), (0.4, 0.4, 0.18, 1.0, 0.6, 0.6))
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=5)
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=4)
 @given(some.integers(0, 2**32 - 1))
 def test_no_stream_brings_two_arms_nearer_than_they_may_be_and_both_may_leave(pair: Pair, seed: int) -> None:
     rng = np.random.default_rng(seed)
     places = {name: any_joints(rng) for name in pair.names}
     pair.go("PSM2", places["PSM2"])
     pair.go("PSM1", places["PSM1"])
-    other = turned(rng, 0.02)
-    other[:3, 3] += (0.06, 0.0, 0.0)
-    pair.put("PSM2", other)
+    pair.put("PSM2", facing(pair, rng))
     pair.put("PSM1", np.eye(4))
     assert all(pair.wall(name, "active")[0] for name in pair.names)
     least, begin = min(pair.apart(), 0.0), {name: pair.state(name, "setpoint_position")[:6] for name in pair.names}
@@ -130,7 +141,7 @@ def test_no_stream_brings_two_arms_nearer_than_they_may_be_and_both_may_leave(pa
         assert pair.state(name, "setpoint_position")[:6] == pytest.approx(places[name], abs=1e-6), "nothing moves"
     for _ in range(3):
         ends = {name: any_joints(rng) for name in pair.names}
-        count = int(rng.integers(60, 200))
+        count = int(rng.integers(150, 300))
         for share in np.linspace(0.0, 1.0, count):
             before = {name: pair.state(name, "setpoint_position")[:6] for name in pair.names}
             for name in pair.names:
@@ -207,3 +218,66 @@ def test_a_move_ends_where_another_arm_comes_into_its_way(pair: Pair) -> None:
         raise AssertionError(replies)
     assert replies[-1][0] == "failed" and "arms: PSM2" in replies[-1][1]
     assert least > -0.002, "what both move in a cycle or two"
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=2)
+@given(some.integers(0, 2**32 - 1))
+def test_kills_and_pauses_of_both_arms_bring_them_no_nearer(pair: Pair, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for name in pair.names:
+        pair.go(name, any_joints(rng))
+    pair.put("PSM2", facing(pair, rng))
+    pair.put("PSM1", np.eye(4))
+    least = min(pair.apart(), 0.0)
+    goals = {name: pair.state(name, "setpoint_position")[:6] for name in pair.names}
+    ends = {name: any_joints(rng) for name in pair.names}
+    for _ in range(500):
+        for name in pair.names:
+            if (np.abs(ends[name] - goals[name]) < 1e-3).all():
+                ends[name] = any_joints(rng)
+            goals[name] = goals[name] + np.clip(ends[name] - goals[name], -4e-3, 4e-3) * (1.0, 1.0, 0.1, 1.0, 1.0, 1.0)
+            pair.clients[name].send("servo_jp", goals[name])
+        if rng.random() < 0.02:
+            name = pair.names[rng.integers(2)]
+            if rng.random() < 0.5:
+                pair.host.restart(name, killed=True)
+                pair.reattach(name)
+            else:
+                pair.host.delay(name, float(rng.uniform(0.005, 0.08)))
+            pair.host.run(0.1)
+            pair.host.run(float(rng.uniform(0.0, 0.7)))
+            goals = {each: pair.state(each, "setpoint_position")[:6] for each in pair.names}
+        pair.host.run(STEP_S)
+        apart = pair.apart()
+        assert apart >= least - EXACT or apart < -APART + 1e-4
+        least = min(max(apart, least), 0.0)
+
+
+@pytest.mark.parametrize("dies", ["PSM2", "ECM"])
+def test_an_arm_whose_process_is_dead_still_counts(pair: Pair, dies: str) -> None:
+    side_by_side(pair)
+    pair.host.delay(dies, 1e6)
+    assert pushed(pair, "PSM1", 0.4 * towards(pair)) == ("done", "at wall arms: PSM2")
+    pair.host.run(1.0)
+    assert pair.apart() == pytest.approx(0.0, abs=2e-4)
+    pair.host.restart(dies, killed=True)
+    pair.reattach(dies)
+    pair.host.run(0.2)
+    assert pair.apart() == pytest.approx(0.0, abs=2e-4) and pair.wall("PSM1", "active")[0]
+
+
+def test_until_the_base_frame_of_the_other_arm_is_known_an_arm_can_hold() -> None:
+    made = Pair("hold")
+    here = made.state("PSM1", "setpoint_position")
+    answer = pushed(made, "PSM1", 0.1, 20)
+    assert answer == ("done", "at wall arms (the base frame of PSM2 is not known here)")
+    assert (made.state("PSM1", "setpoint_position") == here).all()
+    refused = made.ask("PSM1", "move_jp", (0.1, 0.0, 0.12, 0.0, 0.0, 0.0))
+    assert refused[-1][0] == "refused" and "the base frame of PSM2 is not known here" in refused[-1][1]
+    base = np.eye(4)
+    base[0, 3] = 0.1
+    for name in made.names:
+        made.put(name, base if name == "PSM2" else np.eye(4))
+    made.host.run(0.6)
+    assert made.ask("PSM1", "move_jp", (0.1, 0.0, 0.12, 0.0, 0.0, 0.0), seconds=2.0)[-1][0] == "done"
+    made.host.close()
