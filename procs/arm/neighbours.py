@@ -8,12 +8,13 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.arm.cartesian import Cartesian
-from trocar.procs.arm.other_arm import OtherArm
+from trocar.procs.arm.other_arm import MeasuredBy, OtherArm
 from trocar.procs.document.walls import ARMS, FRAMES, Wall
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.kinematics.walls.body import PART_BITS, ArmBody
 from trocar.procs.kinematics.walls.moved import MovedWalls
 from trocar.procs.kinematics.walls.walls import MOST, ArmWalls
+from trocar.procs.native.library import address_of
 from trocar.procs.node.inputs import LATE_NS
 
 SEGMENTS: Final = 8
@@ -39,7 +40,7 @@ class Neighbour:
         self._moved: MovedWalls | None = None
         self._body: ArmBody | None = None
         self._how, self._base, self._changes = FIXED, np.eye(4), -1
-        self._sampled_ns = 0
+        self.sampled_ns = 0
         self._speed, self._known = 0.0, False
         self.places = slice(first, first)
         self.is_related = False
@@ -65,13 +66,14 @@ class Neighbour:
     def _fill(self) -> None:
         other, limits = self.other, self._limits
         limits.guards[self.places] = 0
-        self._body, self._moved, self._sampled_ns, self.why = other.body, None, 0, "not looked at yet"
+        self._body, self._moved, self.sampled_ns, self.why = other.body, None, 0, "not looked at yet"
         if other.space is None or other.body is None or other.space.kinematics is None:
             self.places = slice(self._first, self._first)
             return
         count = int(other.body.solid.sum()) if self._pose is None else 1
         self.places = slice(self._first, self._first + count)
-        self._moved = MovedWalls(other.space.kinematics, other.body, other.to_joint, other.position)
+        self._moved = MovedWalls(other.space.kinematics, other.body, other.to_joint, other.position, other.biased,
+                                 other.age_ns)
         self._moved.fill(limits.frames[self.places], limits.size[self.places], self._pose)
         n = other.space.count
         self._speed = float(other.space.servo_speed[:n] @ other.body.reach)
@@ -93,7 +95,7 @@ class Neighbour:
         if base is not None:
             self._base = base
             if moved is not None:
-                moved.relation[...] = base[:3]
+                moved.relation[...], moved.by_tip[...] = base[:3], self._how == BY_TIP
 
     def _follow(self, now_ns: int, own: Cartesian) -> str:
         other, moved = self.other, self._moved
@@ -110,15 +112,20 @@ class Neighbour:
             if not own.valid:
                 return "the own tip is not known"
             np.matmul(own.tip[:3], self._base, out=moved.relation)
-        if sampled_ns != self._sampled_ns or self._how == OWN_TIP:
-            if moved.follow(self._how == BY_TIP):
-                self._sampled_ns = sampled_ns
-            elif not self._sampled_ns:
+        if sampled_ns != self.sampled_ns or self._how == OWN_TIP:
+            if moved.follow():
+                self.sampled_ns = sampled_ns
+            elif not self.sampled_ns:
                 return f"the joints of {other.name} are not known"
-        age_ns = abs(now_ns - self._sampled_ns)
+        age_ns = abs(now_ns - self.sampled_ns)
         if age_ns > LATE_NS or self.late:
             self._grow(age_ns if age_ns > LATE_NS else 0)
         return ""
+
+    @property
+    def plain(self) -> MovedWalls | None:
+        """What follows by itself, if nothing changes but the joints of the other arm; None: nothing."""
+        return None if self.why or self.late or self._how == OWN_TIP else self._moved
 
     def _grow(self, age_ns: int) -> None:
         """An arm that was not measured for a while may have moved."""
@@ -136,6 +143,11 @@ class Neighbours:
         self._known: dict[str, OtherArm] = {}
         self._turn = self._followed_ns = 0
         self.rows: list[Neighbour] = []
+        self._plain: list[MovedWalls] = []
+        """If all rows follow by themselves: all that move."""
+        self._addresses = np.zeros(0, dtype=np.int64)
+        self._ios: list[MeasuredBy] = []
+        self._at = self._measured_ns = 0
 
     def of(self, wall: Wall) -> list[OtherArm]:
         """The other arms that a wall moves with; ValueError: there is no such arm."""
@@ -160,12 +172,15 @@ class Neighbours:
                 first += SEGMENTS if wall.shape == ARMS else 0
             found.append(rows)
         self.rows, self._turn, self._followed_ns = [row for rows in found for row in rows], 0, 0
+        self._plain = []
+        self._ios = [*{id(row.other.io): row.other.io for row in self.rows}.values()]
         return found
 
     def own_base_moved(self) -> None:
         """The base frame of this arm has changed."""
         for row in self.rows:
             row.is_related = False
+        self._plain = []
 
     def follow(self, now_ns: int, own: Cartesian) -> bool:
         """Once a cycle; returns whether some wall has become known or unknown.
@@ -175,8 +190,26 @@ class Neighbours:
         """
         if not self.rows:
             return False
-        for row in self.rows if now_ns - self._followed_ns > PAUSE_NS else (self.rows[self._turn],):
-            row.other.look(now_ns)
-        self._followed_ns, self._turn = now_ns, (self._turn + 1) % len(self.rows)
+        before_ns, self._followed_ns = self._followed_ns, now_ns
+        self._turn = (self._turn + 1) % len(self.rows)
+        has_changed = False
+        for row in self.rows if now_ns - before_ns > PAUSE_NS else (self.rows[self._turn],):
+            has_changed |= row.other.look(now_ns)
+        if self._plain and not has_changed:
+            oldest_ns = min([io.stamp_ns for io in self._ios])
+            if self._plain[0].follow_all(self._at, len(self._plain), LATE_NS - abs(now_ns - oldest_ns)):
+                self._measured_ns = oldest_ns
+                return False
+            for row in self.rows:
+                row.sampled_ns = max(row.sampled_ns, self._measured_ns)
         changed = [row.follow(now_ns, own, self._local) for row in self.rows]
+        self._find_plain()
         return any(changed)
+
+    def _find_plain(self) -> None:
+        """Whether the native library can follow all arms at once from now on."""
+        found = [row.plain for row in self.rows]
+        plain = [each for each in found if each is not None]
+        self._plain = plain if len(plain) == len(found) and all(address_of(each.follow) for each in plain) else []
+        self._addresses = np.array([address_of(each.follow) for each in plain], dtype=np.int64)
+        self._at = self._addresses.ctypes.data

@@ -22,6 +22,10 @@ from trocar.procs.node.inputs import Fields, Input
 from trocar.procs.tables.arm_types import ARM_TYPES, base_name
 
 
+LOOK_NS: Final = 10_000_000
+"""Instruments, and base frames that commands set, change rarely."""
+
+
 class MeasuredBy(Protocol):
     """The record of an io, as it was read in this cycle."""
 
@@ -44,14 +48,15 @@ class OtherArm:
                  setup: SetupBase | None = None) -> None:
         """`record` is its state; `io` measures it as the robot with this index, whose first axis is `first_axis`."""
         self.arm, self.name, self.local_frame = arm, arm.name, base_name(arm.name)
-        self._record, self._io, self._setup = record, io, setup
+        self._record, self.io, self._setup = record, io, setup
         axes = slice(first_axis, first_axis + ARM_TYPES[arm.type].actuators)
         self.position = io.field("position")[axes]
-        self._biased, self._age_ns = (io.field(name)[robot : robot + 1] for name in ("biased", "sample_age_ns"))
+        self.biased, self.age_ns = (io.field(name)[robot : robot + 1] for name in ("biased", "sample_age_ns"))
         self._shown = [record.field(name) for name in ("tool", "instrument", "reference_frame", "base_frame")]
         self._valid = [record.field(name) for name in ("cartesian_valid", "reference_valid")]
-        self._seen = b""
-        self._knows_base = True
+        self._seen = list[bytes]()
+        self._knows_base = self._knew_base = True
+        self._looked_ns = -LOOK_NS
         self.changes = 0
         self.space: JointSpace | None = None
         self.body: ArmBody | None = None
@@ -63,24 +68,28 @@ class OtherArm:
         self._tool: str | None = None
         self._carry(None if ARM_TYPES[arm.type].has_endoscope else _longest(arm), is_known=False)
 
-    def look(self, now_ns: int) -> None:
-        """Read the newest record of its state, and of the setup joints that carry it."""
+    def look(self, now_ns: int) -> bool:
+        """Read the newest record of the setup joints that carry it and, after LOOK_NS, that of its state; returns whether
+        that changes anything.
+        """
+        before = self.changes
         if self._setup is not None and self._setup.update(now_ns):
             self.frame, self.base = self._setup.frame, self._setup.base
             self.changes += 1
-        if not self._record.look(now_ns):
-            return
-        if self._valid[0].item():
-            self._knows_base = bool(self._valid[1].item())
-        seen = b"".join(cell.tobytes() for cell in self._shown) + bytes((self._knows_base,))
-        if seen != self._seen:
-            self._seen = seen
-            self._take()
+        if now_ns - self._looked_ns >= LOOK_NS and self._record.look(now_ns):
+            self._looked_ns = now_ns
+            if self._valid[0].item():
+                self._knows_base = bool(self._valid[1].item())
+            seen = [cell.tobytes() for cell in self._shown]
+            if seen != self._seen or self._knows_base is not self._knew_base:
+                self._seen, self._knew_base = seen, self._knows_base
+                self._take()
+        return self.changes != before
 
     def measured_ns(self) -> int:
         """When its joints were measured; 0: they are not known."""
-        age_ns = self._age_ns.item()
-        return self._io.stamp_ns - age_ns if self._io.stamp_ns > 0 and age_ns >= 0 and self._biased.item() else 0
+        age_ns, stamp_ns = self.age_ns.item(), self.io.stamp_ns
+        return stamp_ns - age_ns if stamp_ns > 0 and age_ns >= 0 and self.biased.item() else 0
 
     def _take(self) -> None:
         """The instrument, or the base frame, has changed."""

@@ -16,7 +16,7 @@ static void frame_along(const double *place, const double *z, double *f) {
 }
 
 /* Moves walls to where another arm is measured; returns 0, and leaves them, if that is not a number. */
-int64_t MovedWalls_follow(const MovedWalls *k, int64_t by_tip) {
+int64_t MovedWalls_follow(const MovedWalls *k) {
   double q[k->n], frames[k->n][12], points[k->p][3], tip[12], back[12], to[12], f[12];
   const Links links = LINKS(k);
   for (int64_t i = 0; i < k->n; i++) {
@@ -26,7 +26,7 @@ int64_t MovedWalls_follow(const MovedWalls *k, int64_t by_tip) {
   joint_frames(&links, q, frames);
   product(frames[k->n - 1], k->end, tip);
   memcpy(to, k->relation, sizeof to);
-  if (by_tip) {
+  if (k->by_tip[0]) {
     const double place[3] = {-tip[3], -tip[7], -tip[11]};
     double away[3];
     turn_back(tip, place, away);
@@ -54,6 +54,17 @@ int64_t MovedWalls_follow(const MovedWalls *k, int64_t by_tip) {
     k->size[3 * i + 1] = length = sqrt(length);
     for (int r = 0; r < 3; r++) way[r] = length > 0.0 ? way[r] / length : r == 2;
     frame_along(place, way, k->frames + 12 * i);
+  }
+  return 1;
+}
+
+/* `follow` for all of these structs; returns whether each is measured, at most `most_ns` before its io's record. */
+int64_t MovedWalls_follow_all(const MovedWalls *k, int64_t addresses, int64_t count, int64_t most_ns) {
+  const int64_t *each = (const int64_t *)addresses;
+  (void)k;
+  for (int64_t i = 0; i < count; i++) {
+    const MovedWalls *m = (const MovedWalls *)each[i];
+    if (!m->biased[0] || m->age_ns[0] < 0 || m->age_ns[0] > most_ns || !MovedWalls_follow(m)) return 0;
   }
   return 1;
 }

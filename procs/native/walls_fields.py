@@ -44,5 +44,7 @@ MOVED: Final = CStruct("MovedWalls", (
     *places("s", "p", starts="starts", stops="stops"),
     *rows("f8", "t 3 4", frames="frames"),
     *rows("f8", "t 3", size="size"),
-), {"follow": ("i8",)})
+    *rows("b1", "1", biased="biased"),
+    *rows("i8", "1", age_ns="age_ns", by_tip="by_tip"),
+), {"follow": (), "follow_all": ("i8", "i8", "i8")})
 """From `trocar.procs.kinematics.walls.moved.MovedWalls`; t: walls that move, of which s are segments."""

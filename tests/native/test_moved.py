@@ -77,12 +77,12 @@ def test_the_distance_of_two_arms_is_that_of_mujoco(kind: str, seed: int, other:
     last = MOST + int(body.solid.sum())
     moved.fill(made.frames[MOST:last], made.size[MOST:last], None)
     given_relation = relation @ theirs.kinematics.fk(there[: theirs.count], np.eye(4)) if by_tip else relation
-    moved.relation[...] = given_relation[:3]
+    moved.relation[...], moved.by_tip[...] = given_relation[:3], by_tip
     made.guards[MOST:last], made.goal[...] = PART_BITS[PARTS[3]], at[:n]
     found = []
     for follow in (moved.follow, moved.by_numpy_follow):
         made.frames[MOST:], made.size[MOST:, 1] = 0.0, 0.0
-        assert follow(int(by_tip)) == 1
+        assert follow() == 1
         for look in (made.look, made.by_numpy_look):
             look()
             found.append(made.value.min())
@@ -106,9 +106,9 @@ def test_a_wall_hangs_at_the_tip_of_another_arm(seed: int) -> None:
     wanted = relation @ space.kinematics.fk(q, np.eye(4)) @ pose
     for follow in (moved.follow, moved.by_numpy_follow):
         frames[...] = 0.0
-        assert follow(0) == 1
+        assert follow() == 1
         np.testing.assert_allclose(frames[0], wanted[:3], rtol=0.0, atol=1e-12)
     moved.position[1] = np.nan
     for follow in (moved.follow, moved.by_numpy_follow):
-        assert follow(0) == 0
+        assert follow() == 0
         np.testing.assert_allclose(frames[0], wanted[:3], rtol=0.0, atol=1e-12)

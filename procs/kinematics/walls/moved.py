@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.frames import Frame, product
@@ -14,22 +16,30 @@ from trocar.procs.kinematics.walls.body import ArmBody
 from trocar.procs.native.library import chosen
 from trocar.procs.native.walls_fields import MOVED
 
-Z = np.array((0.0, 0.0, 1.0))
+Z: Final = np.array((0.0, 0.0, 1.0))
+ALWAYS: Final = np.ones(1, dtype=np.bool_)
+NEVER_OLD: Final = np.zeros(1, dtype=np.int64)
 
 
 class MovedWalls:
     """Keeps `frames` (t, 3, 4) and lengths in `size` (t, 3) of an arm's walls where another arm is.
 
-    `relation` (3, 4): the pose of the other arm's base in this arm's base or, `by_tip`, of its tip.
+    `relation` (3, 4): the pose of the other arm's base in this arm's base or, where `by_tip` (1,) is not 0, of its tip.
     """
 
-    def __init__(self, kinematics: Kinematics, body: ArmBody, to_joint: Array, position: Array) -> None:
-        """Of the other arm; `position` (axes,) are its measured actuators, joints = `to_joint` (n, axes) · position."""
+    def __init__(self, kinematics: Kinematics, body: ArmBody, to_joint: Array, position: Array,
+                 biased: NDArray[np.bool_] = ALWAYS, age_ns: NDArray[np.int64] = NEVER_OLD) -> None:
+        """Of the other arm; `position` (axes,) are its measured actuators, joints = `to_joint` (n, axes) · position.
+
+        `biased`, `age_ns` (1,): whether its encoders are set, and the age of the sample in io's record.
+        """
         self.kinematics, self.body = kinematics, body
         self.to_joint, self.position, self.axes = np.ascontiguousarray(to_joint), position, len(position)
         self.relation, self.pose = np.zeros((2, 3, 4))
+        self.biased, self.age_ns, self.by_tip = biased, age_ns, np.zeros(1, dtype=np.int64)
         self.p = len(body.of)
-        self.follow: Callable[[int], int]
+        self.follow: Callable[[], int]
+        self.follow_all: Callable[[int, int, int], int]
 
     def fill(self, frames: Array, size: Array, pose: Array | None) -> None:
         """Set the walls that move: one at a `pose` (4, 4) in the frame of the tip; None: the segments of the body."""
@@ -41,18 +51,22 @@ class MovedWalls:
         else:
             self.pose[...] = pose[:3]
         self.frames, self.size, self.s, self.t = frames, size, len(self.starts), len(frames)
-        (self.follow,) = chosen(MOVED, self, "by_numpy_")
+        self.follow, self.follow_all = chosen(MOVED, self, "by_numpy_")
 
     # the reference of the native library
 
-    def by_numpy_follow(self, by_tip: int) -> int:
+    def by_numpy_follow_all(self, addresses: int, count: int, most_ns: int) -> int:
+        """Whether all are measured; without the native library each follows alone."""
+        return 0
+
+    def by_numpy_follow(self) -> int:
         """Move the walls to where the arm is measured; returns 0, and leaves them, if that is not a number."""
         q = self.to_joint @ self.position
         if not np.isfinite(q).all():
             return 0
         frames = self.kinematics.links.frames(q.tolist())
         tip = np.vstack((np.reshape(self.kinematics.tip_after(frames), (3, 4)), (0.0, 0.0, 0.0, 1.0)))
-        to = self.relation @ inverse(tip) if by_tip else self.relation
+        to = self.relation @ inverse(tip) if self.by_tip.item() else self.relation
         if self.hangs:
             self.frames[0] = np.reshape(product((to @ tip).ravel().tolist(), self.pose.ravel().tolist()), (3, 4))
         points = [np.einsum("ij,j->i", to, self._point(frames, i)) for i in range(self.p)]
