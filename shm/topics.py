@@ -249,17 +249,17 @@ ARM_STATE = Topic("state", writer="arm", rate_hz=1500, fields=(
 # Written at start, when walls change, and 30 times a second while the arm is near one.
 ARM_WALLS = Topic("walls", writer="arm", depth=8, fields=(
     Field("count", "u1", "", "walls in use"),
-    Field("stopped_by", "S24", "", "wall that keeps the arm from its goal now; empty: none"),
+    Field("stopped_by", "S48", "", "wall, and other arm, that keep the arm from its goal now; empty: none"),
     Field("name", "(16,)S24", "", "names of the walls"),
-    Field("shape", "(16,)S8", "", "plane, box, sphere, cylinder, cone or capsule"),
+    Field("shape", "(16,)S8", "", "plane, box, sphere, cylinder, cone, capsule or arms"),
     Field("keep", "(16,)S3", "", "out or in"),
     Field("of", "(16,)S10", "", "part of the arm: tip, jaw, shaft or instrument"),
-    Field("frame", "(16,)S9", "", "base or reference: the frame that the wall is given in"),
+    Field("frame", "(16,)S24", "", "base, reference or another arm, for its tip: the frame that the wall is given in"),
     Field("pose", "(16, 7)<f8", "m, -", "pose of the wall in that frame: x y z, quaternion x y z w"),
     Field("size", "(16, 3)<f8", "m|rad", "see docs/walls.md"),
     Field("margin", "(16,)<f8", "m", "distance that is kept besides"),
     Field("by_command", "(16,)?", "", "added by a command; false: of the system file"),
-    Field("active", "(16,)?", "", "the arm is kept out or in; false: its frame, or the instrument, is not known"),
+    Field("active", "(16,)?", "", "in force; false: where the wall is, or the instrument, is not known"),
     Field("distance", "(16,)<f8", "m", "of the setpoint from the wall, negative beyond it; NaN: not active"),
 ))
 

@@ -180,6 +180,7 @@ class ArmLogic:
         if self._setup_base is not None and self._setup_base.update(now_ns):
             self._rest_on(self._setup_base)
         control.cartesian.update()
+        control.walls.begin(now_ns)
         if not self._started and io.fresh:
             self._start()
         self._supervise()
@@ -265,9 +266,9 @@ class ArmLogic:
 
     def _rest_on(self, setup: SetupBase) -> None:
         """The setup joints moved the base, or are no longer valid."""
-        self.control.set_base(setup.base)
         if setup.frame:
             self.control.cartesian.name_frame(setup.frame)
+        self.control.set_base(setup.base)
 
     def _watch_clutch(self) -> None:
         """When pressed, an operator moves the arm by hand, if it is ready for that; see `Manual` for the end."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
+from trocar.procs.arm.other_arm import OtherArm
 from trocar.procs.arm.setup_base import SetupBase
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.node.inputs import Fields
@@ -21,6 +22,11 @@ class ToolReading:
     status: str = ""
     tool: str = ""
     since_ns: int = 0
+
+
+def no_other_arm(name: str) -> OtherArm:
+    """There are no other arms."""
+    raise ValueError(f"no PSM or ECM {name}")
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -45,5 +51,6 @@ class ArmContext:
     motors: Sequence[float] = ()  # the largest efforts of its actuators; empty: not known
     stall: str = ""  # the stall after which its process restarted; empty: the process was started
     simulated: bool = False  # the system's time is simulated
+    other: Callable[[str], OtherArm] = no_other_arm  # another arm by its name, for walls; ValueError: there is none
     walls: Fields | None = None  # the arm's record of walls, still with the values of the previous process
     faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # commands given before a fault are void

@@ -55,8 +55,7 @@ class Control(ArmReports):
         self.motion = Motion(self.joints, arm.jerk_time_s)
         self._effort_limits = EffortLimits(around.motors, self.joints)
         self.efforts = Efforts(self.cartesian, self._effort_limits, self.joints.size, arm.effort_timeout_s)
-        self.walls = Walls(arm, around.walls, self, lambda: machine.state in WALLED,
-                           simulated=around.simulated)
+        self.walls = Walls(arm, around, self, self.cartesian, lambda: machine.state in WALLED)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
         self.streams, self._base_steps = Streams(simulated=around.simulated), BaseSteps()
         self.gravity = Weight(arm)
@@ -104,7 +103,7 @@ class Control(ArmReports):
 
     def place_walls(self) -> None:
         """Walls, or the base frame, have changed."""
-        self.walls.place(self.cartesian, self.motion.governor)
+        self.walls.place(self.motion.governor)
 
     # goals of the joints; `goal` belongs to the current command
 

@@ -23,6 +23,7 @@ from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import BENDS, inverse_of
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import Array
+from trocar.procs.kinematics.walls.body import CAMERA, THICK, THIN, ArmBody
 from trocar.procs.tables.arm_types import ARM_TYPES
 
 BARE_NAMES: Final = ("yaw", "pitch", "insertion", "disc_1", "disc_2", "disc_3", "disc_4")
@@ -212,6 +213,13 @@ def _snake(axes: int) -> tuple[Array, Array]:
         for joint in pair:
             spread[joint, coordinate], gather[coordinate, joint] = 0.5, 1.0
     return spread, gather
+
+
+def body_of(arm: ArmConfig, joints: JointSpace) -> ArmBody:
+    """The body of an arm with the instrument or endoscope of a joint space."""
+    assert joints.kinematics is not None
+    thick = CAMERA if ARM_TYPES[arm.type].has_endoscope else THIN if joints.free is not None else THICK
+    return ArmBody(joints.kinematics, thick, arm.jaw_length if joints.has_jaw else 0.0)
 
 
 def kinematic_home(arm: ArmConfig, joints: JointSpace) -> Array:

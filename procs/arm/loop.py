@@ -12,6 +12,7 @@ from trocar.procs.arm.arm import ArmLogic
 from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.context import ArmContext, ToolReading
 from trocar.procs.arm.effort_limits import motor_efforts
+from trocar.procs.arm.other_arm import OtherArm
 from trocar.procs.arm.setup_base import SetupBase, place_of
 from trocar.procs.document.system import ArmConfig, IoConfig, RecordPlace
 from trocar.procs.native.library import native
@@ -130,6 +131,8 @@ class ArmLoop(runtime.Loop):
         self._setpoint, self._state, self._walls = (node.writes(name) for name in ("setpoint", "state", "walls"))
         faults, events = node.fault_cell(), node.reads(arm.io, "events")
         self._mailbox = node.mailbox(faults)
+        self._other_ios: dict[str, LastGood] = {}
+        """Of arms that this arm's walls move with."""
         self.arm = logic_of(arm)(arm, ArmContext(
             self._io.field, place.row, place.axes.start, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(place.robot.brakes), node.commands(arm.io), self._state.field, self._setpoint.field,
@@ -137,7 +140,8 @@ class ArmLoop(runtime.Loop):
             power_report=power_reports(self._io.field, io, place), io_stall=io_stalls(events, arm.io),
             gripper=gripper_in(io, arm), setup_base=setup_base(node, arm), motors=motor_efforts(place.robot),
             reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader),
-            stall=node.stall, simulated=node.simulated, walls=self._walls.field, faults=faults))
+            stall=node.stall, simulated=node.simulated, walls=self._walls.field, faults=faults,
+            other=self._other_arm))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         node.follows(arm.io)
@@ -150,6 +154,19 @@ class ArmLoop(runtime.Loop):
         self._parts = ((bits("state", "wrench"), Cartesian.WRENCHES),
                        (bits("state", "spatial_jacobian"), Cartesian.SPATIAL))
         self._show_wanted()
+
+    def _other_arm(self, name: str) -> OtherArm:
+        """Another arm, see ArmContext."""
+        node = self.node
+        arm = next((row for row in node.document.arms if row.name == name), None)
+        if arm is None or not ARM_TYPES[arm.type].has_remote_centre:
+            raise ValueError(f"no PSM or ECM {name}")
+        own, io = node.document.arm(node.name).io, node.document.io(arm.io)
+        if arm.io != own and arm.io not in self._other_ios:
+            self._other_ios[arm.io] = LastGood(node.reads(arm.io, "state"))
+        place = place_in(io, arm)
+        return OtherArm(arm, node.input(name), self._io if arm.io == own else self._other_ios[arm.io], place.row,
+                        place.axes.start, setup_base(node, arm))
 
     def _show_wanted(self) -> None:
         """Compute on demand the values that some process wants."""
@@ -192,6 +209,8 @@ class ArmLoop(runtime.Loop):
         if (head := self._reported.head) != self._seen:  # io publishes the record that shows a fault after its report
             self._seen, self._resting = head, 0
         io.take()
+        for other in self._other_ios.values():
+            other.take()
         if self._subscriptions.look():
             self._show_wanted()
         self.arm.step(now_ns, io.stamp_ns, io.epoch, self._mailbox.drain(node.wall_ns))

@@ -6,26 +6,26 @@ Walls of the system file come with the document, those of commands from the last
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.governor import Governor
-from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.joints import JointSpace, body_of
+from trocar.procs.arm.neighbours import SEGMENTS, Neighbour, Neighbours
 from trocar.procs.arm.reports import REPORT_NS, ArmReports
 from trocar.procs.document.system import ArmConfig
-from trocar.procs.document.walls import BASE, FRAMES, PARTS, REFERENCE, SHAPES, SIDES, SIZES, Wall
+from trocar.procs.document.walls import ARMS, BASE, FRAMES, HOLD, PARTS, REFERENCE, SHAPES, SIDES, SIZES, Wall
 from trocar.procs.kinematics.poses import Array, pose_from_matrix
-from trocar.procs.kinematics.walls.body import CAMERA, THICK, THIN, ArmBody
 from trocar.procs.kinematics.walls.walls import MOST, SLOWING_S, ArmWalls, objection_to, pose_of
 from trocar.procs.native.library import native
 from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import ANSWERED, CommandRefused
 from trocar.procs.tables import codes
-from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.mailbox.received import Request
 
 POSE: Final = 7
@@ -44,29 +44,34 @@ class KeptWall:
     pose: Array
     by_command: bool = False
     active: bool = False
+    unknown: str = ""
+    """Why it is not known where it is; "": it is known."""
+    others: Sequence[Neighbour] = ()
+    """The other arms that it moves with."""
 
 
 class Walls:
     """Keeps setpoints of an arm's joints where its walls allow them."""
 
-    def __init__(self, arm: ArmConfig, field: Fields | None, reports: ArmReports, is_on: Callable[[], bool], *,
-                 simulated: bool) -> None:
-        """`field` gives the arrays of the record `walls`, still with the previous process's; `is_on`: the arm is homed.
-
-        ValueError if the arm has walls, and this machine is too slow for them.
-        """
-        self._arm, self._field, self._reports, self._is_on = arm, field, reports, is_on
-        self._simulated = simulated
+    def __init__(self, arm: ArmConfig, around: ArmContext, reports: ArmReports, cartesian: Cartesian,
+                 is_on: Callable[[], bool]) -> None:
+        """`is_on`: the arm is homed. ValueError if the arm has walls, and this machine is too slow for them."""
+        self._arm, self._reports, self._cartesian, self._is_on = arm, reports, cartesian, is_on
+        self._field = field = around.walls
+        self._simulated = around.simulated
         if arm.walls and self._too_slow():
             raise ValueError(f"{arm.name}: {self._too_slow()}")
+        self._neighbours = Neighbours(arm.name, around.other)
         self._kept = [KeptWall(wall, pose_of(wall)) for wall in arm.walls]
         if field is not None:
             for kept in _added_before(field, arm):
-                if kept.wall.name not in self.names and len(self._kept) < MOST:
+                if kept.wall.name not in self.names and len(self._kept) < MOST and self._has_frame(kept.wall):
                     self._kept.append(kept)
         self._limits: ArmWalls | None = None
-        self._to_base: Array | None = np.eye(4)
-        self._count = self._placed = self._allowed_ns = 0
+        self._is_arranged = self._is_placed = self._keeps = self._is_followed = False
+        self._held = self._reported = ""
+        """The wall that holds the arm because it is not known where it is; the unknown ones that were reported."""
+        self._count = self._now_ns = self._allowed_ns = 0
         self._wanted: Array | None = None
         """The joints (count,) of the last goal of a stream from which a wall keeps the arm."""
         self.stopped_by = ""
@@ -79,31 +84,73 @@ class Walls:
     def use(self, joints: JointSpace) -> None:
         """Use another joint space."""
         self._count, self._limits, self._wanted, self.stopped_by = joints.count, None, None, ""
+        self._is_arranged = False
         self._speed, self._calm = joints.servo_speed[: joints.count], joints.v_max[: joints.count]
         if joints.kinematics is not None:
             body = body_of(self._arm, joints)
             n = joints.count
-            self._limits = ArmWalls(joints.kinematics, body, joints.lower[:n], joints.upper[:n], joints.free)
+            self._limits = ArmWalls(joints.kinematics, body, joints.lower[:n], joints.upper[:n], joints.free,
+                                    SEGMENTS * sum(len(wall.arms) for wall in self._arm.walls))
 
-    def place(self, cartesian: Cartesian, governor: Governor) -> None:
+    def place(self, governor: Governor) -> None:
         """Put all walls where they are now: they have changed, or the base frame has."""
         governor.clip = self.clip if self._kept else None
-        if not self._kept and not self._placed:
+        if not self._kept and not self._is_placed:
             return
-        self._placed = len(self._kept)
-        self._to_base = cartesian.to_base.copy() if cartesian.base_known else None
-        limits = self._limits
-        for place in range(MOST):
+        self._is_placed = bool(self._kept)
+        limits, own = self._limits, self._cartesian
+        if not self._is_arranged:
+            self._is_arranged = True
             if limits is not None:
-                limits.drop(place)
+                limits.guards[...] = 0
+            rows = self._neighbours.arrange([(kept.wall, kept.pose) for kept in self._kept], limits)
+            for place, (kept, others) in enumerate(zip(self._kept, rows, strict=True)):
+                kept.others = others
+                if limits is not None and kept.wall.shape != ARMS:
+                    limits.put(place, kept.wall, kept.pose)
+                if limits is not None and kept.wall.frame != BASE:
+                    limits.drop(place)
         for place, kept in enumerate(self._kept):
-            to_base = np.eye(4) if kept.wall.frame == BASE else self._to_base
-            kept.active = limits is not None and to_base is not None and limits.body.has(kept.wall.of)
-            if limits is not None and to_base is not None:
-                limits.put(place, kept.wall, to_base @ kept.pose)
+            if limits is not None and kept.wall.frame == REFERENCE:
+                limits.put(place, kept.wall, own.to_base @ kept.pose)
+                if not own.base_known:
+                    limits.drop(place)
+        self._neighbours.own_base_moved()
+        self._is_followed = False
+        self._settle()
+
+    def begin(self, now_ns: int) -> None:
+        """A new cycle: other arms may have moved."""
+        self._now_ns, self._is_followed = now_ns, False
+
+    def _follow(self) -> None:
+        """Before anything in a cycle that needs the walls: those that move with other arms are where these are now."""
+        if not self._is_followed:
+            self._is_followed = True
+            if self._neighbours.follow(self._now_ns, self._cartesian):
+                self._settle()
+
+    def _settle(self) -> None:
+        """Some wall, or where it is, has become known or unknown."""
+        limits, own, held = self._limits, self._cartesian, ""
+        for kept in self._kept:
+            kept.unknown = "; ".join(row.why for row in kept.others if row.why)
+            if kept.wall.frame == REFERENCE and not own.base_known:
+                kept.unknown = f"{own.frame} is not known"
+            concerns = limits is not None and limits.body.has(kept.wall.of)
+            kept.active = concerns and not kept.unknown
+            if concerns and kept.unknown and kept.wall.unknown == HOLD and not held:
+                held = f"{kept.wall.name} ({kept.unknown})"
+        self._held = held
+        self._keeps = bool(held) or (limits is not None and bool(limits.guards.any()))
         self.is_news = True
-        if lost := [kept.wall.name for kept in self._kept if kept.wall.frame == REFERENCE and self._to_base is None]:
-            self._reports.report(codes.WALL_OFF, f"{', '.join(lost)}: {cartesian.frame} is not known", REPORT_NS)
+
+    def _report_unknown(self) -> None:
+        unknown = ", ".join(f"{kept.wall.name}: {kept.unknown}" for kept in self._kept if kept.unknown)
+        if self._is_on() and unknown != self._reported:
+            self._reported = unknown
+            if unknown:
+                self._reports.report(codes.WALL_OFF, unknown, REPORT_NS)
 
     @property
     def names(self) -> list[str]:
@@ -112,8 +159,10 @@ class Walls:
 
     @property
     def guards(self) -> bool:
-        """Whether any wall is active, on a homed arm."""
-        return any(kept.active for kept in self._kept) and self._is_on()
+        """Whether any wall is active, or holds the arm, on a homed arm."""
+        if self._neighbours.rows:
+            self._follow()
+        return self._keeps and self._is_on()
 
     # setpoints
 
@@ -128,7 +177,9 @@ class Walls:
             self.forget()
             return ""
         limits.before[...], limits.goal[...] = here[:n], goal[:n]
-        name = self._name_of(limits.keep(0.0, 0))
+        name = self._held or self._name_of(limits.keep(0.0, 0))
+        if self._held:
+            limits.goal[...] = here[:n]
         if name:
             self._wanted, self.stopped_by = goal[:n].copy(), name
             goal[:n] = limits.goal
@@ -164,8 +215,8 @@ class Walls:
             self.stopped_by = ""
             return False
         limits.before[...], limits.goal[...] = before[:n], goal[:n]
-        if not seconds:
-            name = self._name_of(limits.way())
+        if self._held or not seconds:
+            name = self._held or self._name_of(limits.way())
             limits.goal[...] = before[:n]
         else:
             limits.step[...] = step[:, :n]
@@ -180,6 +231,8 @@ class Walls:
         limits, n = self._limits, self._count
         if limits is None or not self.guards:
             return ""
+        if self._held:
+            return f"wall {self._held}"
         limits.before[...], limits.goal[...] = here[:n], goal[:n]
         pair = limits.way()
         if not pair:
@@ -201,8 +254,14 @@ class Walls:
             effort[:n] += limits.efforts
 
     def _name_of(self, pair: int) -> str:
-        """The wall of a pair plus 1; 0: ""."""
-        return "" if not pair or self._limits is None else self._kept[(pair - 1) // self._limits.s].wall.name
+        """The wall of a pair plus 1, and the other arm that it is; 0: ""."""
+        if not pair or self._limits is None:
+            return ""
+        place = (pair - 1) // self._limits.s
+        for row in self._neighbours.rows:
+            if row.places.start <= place < row.places.stop:
+                return f"{row.wall.name}: {row.other.name}{row.late}"
+        return self._kept[place].wall.name
 
     # commands
 
@@ -211,9 +270,19 @@ class Walls:
         lacks = native().library is None and not self._simulated
         return f"walls in real time need the native library: {native().why}" if lacks else ""
 
+    def _has_frame(self, wall: Wall) -> bool:
+        """Whether there is the frame that a wall is given in."""
+        try:
+            self._neighbours.of(wall)
+        except ValueError:
+            return False
+        return True
+
     def add(self, request: Request) -> None:
         """A wall from now on: its name, shape and other words in the text; pose, size and margin in the values."""
         wall = wall_of(request.text, request.values)
+        if not self._has_frame(wall):
+            raise CommandRefused(f"{wall.frame}: allowed are {', '.join(WORDS)}, and the name of another PSM or ECM")
         names = {*self.names, *(each.name for each in self._arm.walls)}  # those of the file come back
         if wall.name in names:
             raise CommandRefused(f"there is a wall {wall.name}, here or in the system file; take another name")
@@ -222,6 +291,7 @@ class Walls:
         if why := objection_to(wall, self._arm.type) or self._too_slow():
             raise CommandRefused(why)
         self._kept.append(KeptWall(wall, pose_of(wall), by_command=True))
+        self._is_arranged = False
 
     def remove(self, request: Request) -> None:
         """Without the wall of this name."""
@@ -229,7 +299,7 @@ class Walls:
         there = [kept for kept in self._kept if kept.wall.name != name]
         if len(there) == len(self._kept):
             raise CommandRefused(f"no wall {name}; there are: {', '.join(self.names) or 'none'}")
-        self._kept = there
+        self._kept, self._is_arranged = there, False
         self.forget()
 
     def answer_later(self, request: Request) -> str:
@@ -251,11 +321,18 @@ class Walls:
         if field is None or (not self.is_news and (not self._kept or now_ns - self._shown_ns < SHOWN_NS)):
             return False
         self._shown_ns = now_ns
+        self._follow()
+        self._report_unknown()
         least: Array = np.full(MOST, math.nan)
         if limits is not None:
             limits.goal[...] = here[: self._count]
             limits.look()
-            least = limits.value.min(axis=1)
+            of_each = limits.value.min(axis=1)
+            least = of_each[:MOST]
+            for place, kept in enumerate(self._kept):
+                if kept.wall.shape == ARMS:
+                    least[place] = min((of_each[row.places].min(initial=math.inf) for row in kept.others),
+                                       default=math.inf)
         shown = (self.stopped_by, least.tobytes())
         if not self.is_news and shown == self._shown:
             return False
@@ -282,20 +359,13 @@ class Walls:
             field("by_command")[place], field("active")[place] = kept.by_command, kept.active
 
 
-def body_of(arm: ArmConfig, joints: JointSpace) -> ArmBody:
-    """The body of an arm with the instrument or endoscope of a joint space."""
-    assert joints.kinematics is not None
-    thick = CAMERA if ARM_TYPES[arm.type].has_endoscope else THIN if joints.free is not None else THICK
-    return ArmBody(joints.kinematics, thick, arm.jaw_length if joints.has_jaw else 0.0)
-
-
 def wall_of(text: str, values: Array) -> Wall:
     """The wall of a command; CommandRefused with what is wrong."""
     words = text.split()
     if len(words) < 2 or words[1] not in SHAPES:
         raise CommandRefused(f"a name and a shape are needed first; shapes: {', '.join(SHAPES)}")
     name, shape, *others = words
-    if unknown := [word for word in others if word not in WORDS]:
+    if len(unknown := [word for word in others if word not in WORDS]) > 1:
         raise CommandRefused(f"{', '.join(unknown)}: allowed are {', '.join(WORDS)}")
     needed = SIZES[shape]
     if not POSE + needed <= len(values) <= POSE + needed + 1:
@@ -320,6 +390,6 @@ def _added_before(field: Fields, arm: ArmConfig) -> list[KeptWall]:
         pose, size = field("pose")[place].tolist(), field("size")[place].tolist()
         wall = Wall(**texts, position=tuple(pose[:3]), orientation=tuple(pose[3:]),
                     size=tuple(size[: SIZES.get(texts["shape"], 0)]), margin=float(field("margin")[place]))
-        if not objection_to(wall, arm.type):
+        if wall.shape in SHAPES and not objection_to(wall, arm.type):
             found.append(KeptWall(wall, pose_of(wall), by_command=True))
     return found

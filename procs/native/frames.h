@@ -82,6 +82,16 @@ static inline void spatial_jacobian(const Links *c, double (*frames)[12], double
   }
 }
 
+/* The places (p, 3) of points of a body in the frames of its joints. */
+static inline void points_at(int64_t p, const int64_t *of, const double *place, double (*frames)[12],
+                             double (*points)[3]) {
+  for (int64_t i = 0; i < p; i++)
+    for (int r = 0; r < 3; r++) {
+      const double *at = place + 3 * i, *f = of[i] < 0 ? 0 : frames[of[i]] + 4 * r;
+      points[i][r] = f ? f[0] * at[0] + f[1] * at[1] + f[2] * at[2] + f[3] : at[r];
+    }
+}
+
 static inline void quaternion_of(double a, double b, double c, double d, double e, double f, double g, double h, double i,
                           double *out) {
   double x, y, z, w, trace = a + e + i;

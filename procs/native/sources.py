@@ -17,11 +17,11 @@ from trocar.procs.native.fields import CStruct
 from trocar.procs.native.follow_fields import FOLLOW
 from trocar.procs.native.io_fields import IO, KINEMATIC, TRACK
 from trocar.procs.native.pace_fields import PACE
-from trocar.procs.native.walls_fields import WALLS
+from trocar.procs.native.walls_fields import MOVED, WALLS
 from trocar.shm.mailbox import mailbox_map, received
 
-STRUCTS: Final[tuple[CStruct, ...]] = (IO, KINEMATIC, TRACK, HUB, WRITE, EXCHANGE, *BOARDS, *ARM, WALLS, FOLLOW,
-                                        PACE)
+STRUCTS: Final[tuple[CStruct, ...]] = (IO, KINEMATIC, TRACK, HUB, WRITE, EXCHANGE, *BOARDS, *ARM, WALLS, MOVED,
+                                        FOLLOW, PACE)
 
 
 def _named(module: ModuleType, names: str, prefix: str = "") -> dict[str, int | float]:

@@ -3,6 +3,7 @@
 #include "numeric.h"
 
 enum { PLANE, BOX, SPHERE, CYLINDER, CONE, CAPSULE };
+static const double PARALLEL = 1e-12;
 
 typedef struct { double value, along, normal[3]; } Nearest;
 
@@ -60,6 +61,17 @@ static double distance_of(int64_t kind, const double *size, const double *p, dou
   return length - size[0];
 }
 
+/* How far along p + t · u (0 to 1) it is nearest to the piece of the z axis from 0 to `length`. */
+static double along_axis(const double *p, const double *u, double length) {
+  double a = dot(u, u, 3), b = u[2] * length, c = dot(u, p, 3), e = length * length, f = length * p[2];
+  double apart = a * e - b * b, t = most_of(least_of(-c / a, 1.0), 0.0);
+  if (e == 0.0) return t;
+  if (apart > PARALLEL * a * e) t = most_of(least_of((b * f - c * e) / apart, 1.0), 0.0);
+  double s = b * t + f;
+  if (s < 0.0) return most_of(least_of(-c / a, 1.0), 0.0);
+  return s > e ? most_of(least_of((b - c) / a, 1.0), 0.0) : t;
+}
+
 /* The least distance between a shape and a segment; that of a convex shape has one minimum along it. */
 static void nearest(const Walls *k, int64_t w, const double *a, const double *b, Nearest *out) {
   const double *f = k->frames + 12 * w, *size = k->size + 3 * w;
@@ -79,9 +91,11 @@ static void nearest(const Walls *k, int64_t w, const double *a, const double *b,
     for (int r = 0; r < 3; r++) g[r] = last > first ? -h[r] : -g[r];
   } else {
     double low = 0.0, high = 1.0;
-    if (dot(g, u, 3) >= 0.0) high = 0.0;
+    if ((k->kind[w] == SPHERE || k->kind[w] == CAPSULE) && dot(u, u, 3) > 0.0)
+      low = high = along_axis(p, u, k->kind[w] == CAPSULE ? size[1] : 0.0);
+    else if (dot(g, u, 3) >= 0.0) high = 0.0;
     else if (dot(h, u, 3) <= 0.0) low = 1.0;
-    for (int64_t i = 0; i < k->halvings && high > 0.0 && low < 1.0; i++) {
+    for (int64_t i = 0; i < k->halvings && low < high && high > 0.0 && low < 1.0; i++) {
       double half = 0.5 * (low + high);
       for (int r = 0; r < 3; r++) middle[r] = p[r] + half * u[r];
       distance_of(k->kind[w], size, middle, g);
@@ -112,11 +126,7 @@ static void look_at(const Walls *k, const double *q, double enough, double (*fra
   const Links links = LINKS(k);
   double radius = 0.0;
   joint_frames(&links, q, frames);
-  for (int64_t i = 0; i < k->p; i++)
-    for (int r = 0; r < 3; r++) {
-      const double *at = k->place + 3 * i, *f = k->of[i] < 0 ? 0 : frames[k->of[i]] + 4 * r;
-      points[i][r] = f ? f[0] * at[0] + f[1] * at[1] + f[2] * at[2] + f[3] : at[r];
-    }
+  points_at(k->p, k->of, k->place, frames, points);
   for (int64_t i = 1; i < k->p; i++) {
     double away[3] = {points[i][0] - points[0][0], points[i][1] - points[0][1], points[i][2] - points[0][2]};
     radius = most_of(radius, dot(away, away, 3));
@@ -154,9 +164,9 @@ static void slope_of(const Walls *k, int64_t s, const Nearest *pair, double (*fr
 }
 
 /* The first pair that comes nearer than `least` (w, s) on the straight way between joints, plus 1; 0: none. It is seen at
-   `share` of the way; at `passed` of it there was none. */
+   `share` of the way; at `passed` of it there was none. `first`: what is found at its beginning, if that is known. */
 static int64_t blocked(const Walls *k, const double *from, const double *to, const double *least, double samples,
-                       double *share, double *passed) {
+                       const Nearest *first, double *share, double *passed) {
   double frames[k->n][12], points[k->p][3], q[k->n], way = 0.0, at = 0.0;
   Nearest found[k->w * k->s];
   for (int64_t i = 0; i < k->n; i++) way += fabs(to[i] - from[i]) * k->reach[i];
@@ -165,9 +175,9 @@ static int64_t blocked(const Walls *k, const double *from, const double *to, con
   for (;;) {
     double room = INFINITY;
     for (int64_t i = 0; i < k->n; i++) q[i] = at < 1.0 ? from[i] + at * (to[i] - from[i]) : to[i];
-    look_at(k, q, k->near, frames, points, found);
+    if (!first || at > 0.0) look_at(k, q, k->near, frames, points, found);
     for (int64_t i = 0; i < k->w * k->s; i++) {
-      double spare = found[i].value - least[i];
+      double spare = (first && at == 0.0 ? first : found)[i].value - least[i];
       if (!(spare >= -k->tiny)) {
         *share = at;
         return i + 1;
@@ -175,7 +185,7 @@ static int64_t blocked(const Walls *k, const double *from, const double *to, con
       room = least_of(room, spare);
     }
     *passed = at;
-    if (at >= 1.0 || !(way > 0.0)) return 0;
+    if (at >= 1.0 || !(way > 0.0) || k->spare * (1.0 - at) * way <= room) return 0;
     at = least_of(1.0, at + most_of(room, grain) / way);
   }
 }
@@ -247,9 +257,9 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
   look_at(k, k->before, k->near, frames, points, found);
   for (int64_t i = 0; i < pairs; i++) {
     double value = found[i].value;
-    least[i] = value <= 0.0 ? value : is_step && value < k->near ? value * (1.0 - share) : 0.0;
+    least[i] = value <= 0.0 ? value : is_step && value < k->near ? value * (1.0 - share * k->pace[i / k->s]) : 0.0;
   }
-  why = blocked(k, k->before, k->goal, least, samples, k->share, &at);
+  why = blocked(k, k->before, k->goal, least, samples, found, k->share, &at);
   if (!why) return 0;
   for (int64_t i = 0; i < n; i++) {
     low[i] = least_of(k->lower[i], k->before[i]), high[i] = most_of(k->upper[i], k->before[i]);
@@ -297,7 +307,7 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
   }
   for (int64_t i = 0; i < n; i++)
     x[i] = most_of(least_of(k->before[i] + scale * (x[i] - k->before[i]), high[i]), low[i]);
-  if (!blocked(k, k->before, x, least, samples, &scale, &at)) at = 1.0;
+  if (!blocked(k, k->before, x, least, samples, 0, &scale, &at)) at = 1.0;
   for (int64_t i = 0; i < n; i++) k->goal[i] = at < 1.0 ? k->before[i] + at * (x[i] - k->before[i]) : x[i];
   return why;
 }
@@ -309,7 +319,7 @@ int64_t Walls_way(const Walls *k) {
   look_at(k, k->before, k->near, frames, points, found);
   for (int64_t i = 0; i < k->w * k->s; i++) least[i] = least_of(found[i].value, 0.0);
   double at;
-  return blocked(k, k->before, k->goal, least, k->samples, k->share, &at);
+  return blocked(k, k->before, k->goal, least, k->samples, found, k->share, &at);
 }
 
 /* Distances at `goal` into `value` (w, s). */

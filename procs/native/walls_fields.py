@@ -12,7 +12,7 @@ WALLS: Final = CStruct("Walls", (
     *rows("f8", "3 4", end="kinematics.end"),
     *rows("i8", "", m="m", w="w", p="p", s="s", halvings="HALVINGS", samples="samples", sweeps="SWEEPS", steps="STEPS"),
     *rows("f8", "", grain="GRAIN", near="NEAR", safe="SAFE", tiny="TINY", small="SMALL", flat="FLAT", turn="TURN",
-          apex="APEX", over="OVER", thickest="thickest", zone="ZONE", spring="SPRING", damper="DAMPER",
+          apex="APEX", over="OVER", spare="SPARE", thickest="thickest", zone="ZONE", spring="SPRING", damper="DAMPER",
           largest="LARGEST"),
     *rows("i8", "p", of="body.of"),
     *rows("f8", "p 3", place="body.place"),
@@ -27,8 +27,24 @@ WALLS: Final = CStruct("Walls", (
     *rows("i8", "w", kind="kind", keeps_in="keeps_in", guards="guards"),
     *rows("f8", "w 3 4", frames="frames"),
     *rows("f8", "w 3", size="size"),
-    *rows("f8", "w", margin="margin"),
+    *rows("f8", "w", margin="margin", pace="pace"),
     *rows("f8", "w s", value="value"),
     *rows("f8", "1", share="share"),
 ), {"keep": ("f8", "i8"), "way": (), "look": (), "push": ()})
 """From `trocar.procs.kinematics.walls.walls.ArmWalls`."""
+
+MOVED: Final = CStruct("MovedWalls", (
+    *links("kinematics.links"),
+    *rows("f8", "3 4", end="kinematics.end", relation="relation", pose="pose"),
+    *rows("i8", "", axes="axes", p="p", s="s", t="t", hangs="hangs"),
+    *rows("f8", "n axes", to_joint="to_joint"),
+    *rows("f8", "axes", position="position"),
+    *rows("i8", "p", of="body.of"),
+    *rows("f8", "p 3", place="body.place"),
+    *places("s", "p", starts="starts", stops="stops"),
+    *rows("f8", "t 3 4", frames="frames"),
+    *rows("f8", "t 3", size="size"),
+    *rows("b1", "1", biased="biased"),
+    *rows("i8", "1", age_ns="age_ns", by_tip="by_tip"),
+), {"follow": (), "follow_all": ("i8", "i8", "i8")})
+"""From `trocar.procs.kinematics.walls.moved.MovedWalls`; t: walls that move, of which s are segments."""

@@ -115,6 +115,11 @@ class ArmType:
         return (*(2.0 * speed for speed in own), *(2.0 * max(discs, default=0.0),) * len(discs))
 
     @property
+    def has_remote_centre(self) -> bool:
+        """Whether its instrument or endoscope moves about a remote centre: PSM, ECM."""
+        return self.joints < self.actuators or self.has_endoscope
+
+    @property
     def has_gripper(self) -> bool:
         """Whether it has a master's gripper, which is a separate robot in IO files."""
         return "gripper" in self.views

@@ -215,7 +215,7 @@ WALL_IN_THE_WAY: Final = Code(
     "wall-in-the-way", WARNING, "arm", "a move would cross a wall; it was refused",
     "move round the wall in several moves, or remove it (docs/walls.md)")
 WALL_OFF: Final = Code(
-    "wall-off", WARNING, "arm", "walls in the reference frame are off because that frame is not known",
+    "wall-off", WARNING, "arm", "walls are off, or hold the arm, because it is not known where they are",
     "set the base frame, or home the setup joints")
 CLIPPED: Final = Code(
     "clipped", WARNING, "arm", "a goal was beyond the limits of a joint; clipped", "give goals within the joint limits")

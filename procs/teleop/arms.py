@@ -20,6 +20,7 @@ from trocar.shm.ring.ring import RingReader
 SHOWN_NS: Final = 1_000_000_000  # how long a refusal is shown
 LIMIT_SHOWN_NS: Final = 100_000_000  # how long an unreached goal is shown: each goal is answered
 LIMITED: Final = ("at its limit", "clipped")  # beginnings of answers to goals that could not be reached
+AT_WALL: Final = "at wall "
 JAW: Final = "jaw"  # at its limit whenever the gripper is wide open: not reported
 NO_FAULTS: Final = frozenset((INVERSE_KINEMATICS.code.encode(),))
 """Codes of errors about a command: it was refused, but the arm has no problem."""
@@ -255,7 +256,10 @@ class TeleopArm:
             self._refusal, self._refused_ns = f"{self.name}: {answer.text}", self._now_ns
         elif answer.text:
             begins, _, why = answer.text.partition(": ")
-            if begins in LIMITED and why != JAW:
+            _, _, wall = answer.text.partition(AT_WALL)
+            if wall:
+                self._limit, self._limited_ns = f"{self.name} is at wall {wall}", self._now_ns
+            elif begins in LIMITED and why != JAW:
                 self._limit, self._limited_ns = f"{self.name} at its limit: {why}", self._now_ns
         if answer.id == self._move:
             self.is_moving = answer.outcome == "accepted"

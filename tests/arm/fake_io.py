@@ -12,7 +12,8 @@ from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
 from tests.guarded import FakeCell, Guarded
 from trocar.procs.arm.arm import ArmLogic
-from trocar.procs.arm.context import ArmContext, ToolReading
+from trocar.procs.arm.context import ArmContext, ToolReading, no_other_arm
+from trocar.procs.arm.other_arm import OtherArm
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.io.arm_requests import DesiredCommand, DesiredProgress
@@ -282,10 +283,11 @@ class ArmHarness:
     """An arm on a fake io and a fake clock."""
 
     def __init__(self, arm: ArmConfig | None = None, period_ns: int = PERIOD_NS, *, kind: type[ArmLogic] = PsmLogic,
-                 inputs: dict[str, int] | None = None, has_brakes: bool = False) -> None:
-        """`inputs`: places of io's digital inputs by name."""
+                 inputs: dict[str, int] | None = None, has_brakes: bool = False,
+                 other: Callable[[str], OtherArm] = no_other_arm) -> None:
+        """`inputs`: places of io's digital inputs by name; `other`: see ArmContext."""
         self.document = arm or fixed_arm()
-        self.period_ns = period_ns
+        self.period_ns, self._other = period_ns, other
         self.now_ns = 5 * SECOND
         self.kind, self.inputs, self.has_brakes = kind, inputs or {}, has_brakes
         self.io = self.make_io()
@@ -304,7 +306,7 @@ class ArmHarness:
             self.io.record.field, 1, 2, self.inputs, self.has_brakes, self.io, self.state.field, self.setpoint.field,
             self.reports, lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}"),
             gripper=0 if self.document.gripper else -1, reading=lambda: self.io.reading,
-            io_stall=lambda since_ns: self.io.stall, walls=self.walls.field, stall=stall))
+            io_stall=lambda since_ns: self.io.stall, walls=self.walls.field, stall=stall, other=self._other))
 
     def press(self, name: str, on: bool = True) -> None:
         """A digital input of io, from the next cycle on."""

@@ -235,7 +235,8 @@ def test_no_stream_brings_any_part_nearer_to_a_wall_than_it_may_be(shape: Any, p
         target = HERE + scale * np.array(change)
         for share in np.linspace(0.0, 1.0, 60):
             made.send("servo_jp", goal + share * (target - goal))
-            made.arm.control.walls.show(made.arm.control.here, made.now_ns + 1_000_000_000)
+            made.arm.control.walls.is_news = True
+            made.arm.control.walls.show(made.arm.control.here, made.now_ns)
             distance = float(made.walls["distance"][0])
             assert distance >= least - EXACT
             least = min(max(distance, least), 0.0)

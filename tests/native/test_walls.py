@@ -14,8 +14,7 @@ from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_master import master
 from tests.arm.test_ecm import ecm
 from tests.kinematics.test_walls import any_wall
-from trocar.procs.arm.joints import JointSpace, joints
-from trocar.procs.arm.walls import body_of
+from trocar.procs.arm.joints import JointSpace, body_of, joints
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.document.walls import PARTS, SHAPES, SIDES, Wall
 from trocar.procs.kinematics.walls.walls import ArmWalls, pose_of

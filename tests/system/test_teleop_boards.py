@@ -112,11 +112,13 @@ def test_a_slave_that_slides_along_a_wall_still_follows(operator: Surgeon) -> No
         slave.ask("add_wall", (*centre, 0.0, 0.0, 0.0, 1.0, radius), "ball sphere in tip")
     operator.pull(0.04, 0.05, 0.03, 0.0)
     wait_for(lambda: away() > 0.9 * radius, 60, "the slave at the wall")
+    wait_for(lambda: operator.teleop.value("reason") == "PSM1 is at wall ball", 60, "the reason")
     for _ in range(20):
         operator.robot.passes(0.02)
         assert away() <= radius + 1e-6 and operator.teleop.is_following
     operator.pull(0.03, -0.05, -0.03, 0.0)
     wait_for(lambda: away() < 0.7 * radius, 60, "the slave to come back with the hand")
+    wait_for(lambda: operator.teleop.value("reason") == "", 60, "no reason")
     assert operator.teleop.is_following
     operator.let_go()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -131,8 +132,21 @@ def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     reason = in_full(system, process.name, _text(reader, "reason"))
     shown = state if inner == state else f"{state} {inner}"
     events = _events(system, process) if state == FAULT else None
+    reason = reason or _at_wall(system, process)
     return Standing(process.name, process.kind, shown, _flag(reader, "is_homed"), reason, "trocar send" in reason,
                     fault=_last_error(events), since_ns=_fault_ns(events))
+
+
+def _at_wall(system: str, process: ProcessStatus) -> str:
+    """The wall that keeps an arm from its goal, and how far it is: at wall table: 0.1 mm; "": none."""
+    with contextlib.suppress(SegmentError), contextlib.closing(
+            directory.reader(system, process.name, "walls", process.kind, often=False)) as reader:
+        if process.kind == "arm" and reader.newest() and (at := _text(reader, "stopped_by")):
+            names = [plain(name) for name in reader.field("name").tolist()]
+            wall = at.partition(":")[0].partition(" (")[0]
+            far = reader.field("distance")[names.index(wall)] if wall in names else math.nan
+            return f"at wall {at}" + (f", {far * 1e3:.1f} mm" if math.isfinite(far) else "")
+    return ""
 
 
 def _setup_joints(system: str, process: ProcessStatus, reader: RingReader) -> Standing:

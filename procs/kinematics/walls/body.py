@@ -25,8 +25,8 @@ class ArmBody:
     """Points and segments of one arm with its instrument.
 
     `of` (p,): the joint that carries a point, -1: none; `place` (p, 3): its place in the frame of that joint. `starts`,
-    `stops`, `parts`, `radius` (s,): the points of a segment, the bits of its part, and its radius in m. `reach` (n,):
-    no point moves faster for a velocity 1 of a joint.
+    `stops`, `parts`, `radius` (s,): the points of a segment, the bits of its part, and its radius in m; `solid` (s,):
+    it has an extent. `reach` (n,): no point moves faster for a velocity 1 of a joint.
     """
 
     def __init__(self, kinematics: Kinematics, radius: float, jaw_length: float = 0.0) -> None:
@@ -50,6 +50,7 @@ class ArmBody:
             rows[0] = (0, 1, _SHAFT, radius)
         self.starts, self.stops, self.parts = (np.array([row[i] for row in rows]) for i in range(3))
         self.radius = np.array([row[3] for row in rows])
+        self.solid = self.parts != _TIP
         way = spots if self.has_remote_centre else [*((joint, np.zeros(3)) for joint in range(n)), *spots]
         self.reach = _reach(kinematics, way)
 

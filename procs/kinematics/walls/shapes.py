@@ -11,11 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from trocar.procs.document.walls import BOX, CAPSULE, CONE, CYLINDER, PLANE, SHAPES
+from trocar.procs.document.walls import BOX, CAPSULE, CONE, CYLINDER, PLANE, SHAPES, SPHERE
 
 Vector = Sequence[float]
 APEX: Final = 1e-6
 """m: a segment that begins so near to the apex of a cone is judged by its end: a shaft through the remote centre."""
+PARALLEL: Final = 1e-12
+"""Squared sine of the angle below which a segment is parallel to a capsule."""
 HALVINGS: Final = 20
 """Of a segment, to find its nearest place: 0.1 m / 2²⁰ is 0.1 µm."""
 
@@ -63,6 +65,20 @@ def distance(shape: str, size: Vector, p: Vector) -> tuple[float, tuple[float, f
     return length - size[0], towards
 
 
+def _along_axis(p: Vector, u: Vector, length: float) -> float:
+    """How far along p + t · u (0 to 1) it is nearest to the piece of the z axis from 0 to `length`."""
+    a, b, c, e, f = _dot(u, u), u[2] * length, _dot(u, p), length * length, length * p[2]
+    from_start = max(min(-c / a, 1.0), 0.0)
+    if e == 0.0:
+        return from_start
+    apart = a * e - b * b
+    t = max(min((b * f - c * e) / apart, 1.0), 0.0) if apart > PARALLEL * a * e else from_start
+    s = b * t + f
+    if s < 0.0:
+        return from_start
+    return max(min((b - c) / a, 1.0), 0.0) if s > e else t
+
+
 def nearest(kind: int, keeps_in: bool, frame: Sequence[float], size: Vector, a: Vector, b: Vector) -> Nearest:
     """The least distance of a segment from a shape at `frame` (12,), negative on the forbidden side."""
     shape = SHAPES[kind]
@@ -81,11 +97,13 @@ def nearest(kind: int, keeps_in: bool, frame: Sequence[float], size: Vector, a: 
         d, (x, y, z) = (last, h) if last > first else (first, g)
         return Nearest(-d, float(last > first or ends_only), _turned(frame, (-x, -y, -z)))
     low, high = 0.0, 1.0
-    if _dot(g, u) >= 0.0:
+    if shape in (SPHERE, CAPSULE) and not ends_only:
+        low = high = _along_axis(p, u, size[1] if shape == CAPSULE else 0.0)
+    elif _dot(g, u) >= 0.0:
         high = 0.0
     elif _dot(h, u) <= 0.0:
         low = 1.0
-    for _ in range(HALVINGS if high > 0.0 and low < 1.0 else 0):
+    for _ in range(HALVINGS if low < high and high > 0.0 and low < 1.0 else 0):
         half = 0.5 * (low + high)
         if _dot(at(half)[1], u) < 0.0:
             low = half

@@ -22,11 +22,12 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.document.walls import (
+    ARMS,
     BOX,
+    CAPSULE,
     CONE,
     CYLINDER,
     FARTHEST,
-    FRAMES,
     IN,
     JAW,
     NAMED,
@@ -50,12 +51,14 @@ from trocar.procs.tables.arm_types import ARM_TYPES
 
 MOST: Final = 16
 """Walls of one arm."""
+MAX_OTHERS: Final = 8
+"""Other arms that one arm keeps away from, counted once for each wall."""
 SLOWING_S: Final = 0.05
 """The distance of a setpoint from a wall shrinks with this time constant at most: it slows down, and does not hit."""
 
 
 class ArmWalls:
-    """Walls of one arm with its instrument, all in the arm's base.
+    """Walls of one arm with its instrument, all in the arm's base: MOST of its own, then the segments of other arms.
 
     `before`, `goal` (n,): the present joints and those to go to; `step` (2, n): least and largest change in one cycle.
     `value` (w, s): see above; inf where a wall does not concern a segment.
@@ -71,25 +74,34 @@ class ArmWalls:
     TINY, SMALL, FLAT = 1e-12, 1e-9, 1e-9
     TURN = 0.02
     OVER = 1.0 + 1e-6
+    SPARE = 2.0
+    """A way that is so many times shorter than the distance from all walls need not be looked at."""
     APEX = shapes.APEX
     ZONE, SPRING, DAMPER, LARGEST = 0.01, 500.0, 20.0, 10.0
     """Before a wall in effort mode: m, N/m, N·s/m, N."""
 
-    def __init__(self, kinematics: Kinematics, body: ArmBody, lower: Array, upper: Array, free: Array | None) -> None:
-        """`lower`, `upper` (n,): limits of the joints; `free` (n, m): joints from independent coordinates."""
+    def __init__(self, kinematics: Kinematics, body: ArmBody, lower: Array, upper: Array, free: Array | None,
+                 segments: int = 0) -> None:
+        """`lower`, `upper` (n,): limits of the joints; `free` (n, m): joints from independent coordinates; `segments`
+        of other arms.
+        """
         n = kinematics.n
         self.kinematics, self.body = kinematics, body
         self.samples = 400 if native().library is not None else 40  # numpy takes a millisecond for each
         self.thickest = float(body.radius.max())
         self.free = np.eye(n) if free is None else np.ascontiguousarray(free)
         self.gather = np.ascontiguousarray(np.linalg.pinv(self.free))
-        self.m, self.w, self.p, self.s = self.free.shape[1], MOST, len(body.of), len(body.starts)
+        self.m, self.w, self.p, self.s = self.free.shape[1], MOST + segments, len(body.of), len(body.starts)
         self.lower, self.upper = np.ascontiguousarray(lower), np.ascontiguousarray(upper)
         self.before, self.goal, self.rates, self.efforts = np.zeros((4, n))
         self.step = np.zeros((2, n))
-        self.kind, self.keeps_in, self.guards = np.zeros((3, MOST), dtype=np.int64)
-        self.frames, self.size, self.margin = np.zeros((MOST, 3, 4)), np.zeros((MOST, 3)), np.zeros(MOST)
-        self.value, self.share = np.full((MOST, self.s), np.inf), np.zeros(1)
+        self.kind, self.keeps_in, self.guards = np.zeros((3, self.w), dtype=np.int64)
+        self.frames, self.size, self.margin = np.zeros((self.w, 3, 4)), np.zeros((self.w, 3)), np.zeros(self.w)
+        self.pace = np.ones(self.w)
+        """The share of the usual slowing: of two arms that approach each other, each uses half of the room."""
+        self.pace[MOST:] = 0.5
+        self.kind[MOST:] = SHAPES.index(CAPSULE)
+        self.value, self.share = np.full((self.w, self.s), np.inf), np.zeros(1)
         self.keep: Callable[[float, int], int]
         self.way: Callable[[], int]
         self.look: Callable[[], int]
@@ -133,8 +145,8 @@ class ArmWalls:
         """Whether the straight way from `before` to `goal` is free, or only leads out: 0; else the first pair in it,
         plus 1, and in `share` how far along it is.
         """
-        least = np.minimum(_View(self, self.before).values, 0.0)
-        return self._blocked(self.goal, least, self.samples)[0]
+        view = _View(self, self.before)
+        return self._blocked(self.goal, np.minimum(view.values, 0.0), self.samples, view)[0]
 
     def by_numpy_keep(self, share: float, is_step: int) -> int:
         """Change `goal` to the nearest joints that are allowed; returns the pair that prevents more, plus 1, 0: none.
@@ -143,10 +155,11 @@ class ArmWalls:
         """
         view = _View(self, self.before)
         value = view.values
-        slowed = np.where(value < self.NEAR, value * (1.0 - share), 0.0) if is_step else 0.0
+        slower = value * (1.0 - share * self.pace[:, None])
+        slowed = np.where(value < self.NEAR, slower, 0.0) if is_step else 0.0
         least = np.where(value <= 0.0, value, slowed)
         samples = 0.25 * self.samples
-        why, _ = self._blocked(self.goal, least, samples)
+        why, _ = self._blocked(self.goal, least, samples, view)
         if not why:
             return 0
         low, high = np.minimum(self.lower, self.before), np.maximum(self.upper, self.before)
@@ -168,7 +181,7 @@ class ArmWalls:
             if is_step and abs(moved) > self.OVER * abs(most):
                 scale = min(scale, most / moved)
         x = np.clip(self.before + scale * (x - self.before), low, high)
-        stopped, free = self._blocked(x, least, samples, np.zeros(1))
+        stopped, free = self._blocked(x, least, samples, share=np.zeros(1))
         self.goal[...] = self.before + free * (x - self.before) if stopped and free < 1.0 else x
         return why
 
@@ -187,23 +200,27 @@ class ArmWalls:
             of += [-1, -1]
         return rows, bounds, of
 
-    def _blocked(self, to: Array, least: Array, samples: float, share: Array | None = None) -> tuple[int, float]:
+    def _blocked(self, to: Array, least: Array, samples: float, first: _View | None = None,
+                 share: Array | None = None) -> tuple[int, float]:
         """The first pair that comes nearer than `least` on the straight way from `before`, plus 1, 0: none; and how
-        much of the way is free.
+        much of the way is free. `first`: the view from its beginning, if that is known.
         """
         change, free = to - self.before, 0.0
         way, at = float(np.abs(change) @ self.body.reach), 0.0
         grain = max(self.GRAIN, way / samples)
         while True:
-            spare = _View(self, self.before + at * change if at < 1.0 else to).values - least
+            view = first if first is not None and at == 0.0 else None
+            view = view or _View(self, self.before + at * change if at < 1.0 else to)
+            spare = view.values - least
             found = np.flatnonzero(~(spare >= -self.TINY))
             if len(found):
                 (self.share if share is None else share)[0] = at
                 return int(found[0]) + 1, free
             free = at
-            if at >= 1.0 or not way > 0.0:
+            room = float(spare.min())
+            if at >= 1.0 or not way > 0.0 or self.SPARE * (1.0 - at) * way <= room:
                 return 0, 1.0
-            at = min(1.0, at + max(float(spare.min()), grain) / way)
+            at = min(1.0, at + max(room, grain) / way)
 
 
 class _View:
@@ -304,10 +321,13 @@ def objection_to(wall: Wall, arm_type: str) -> str:
     """Why a wall cannot be one of an arm of this type; "": it can."""
     if not re.fullmatch(NAMED, wall.name):
         return f"name {wall.name}: letters, digits, _ and -, at most 24"
-    for word, allowed in ((wall.shape, SHAPES), (wall.keep, SIDES), (wall.of, PARTS), (wall.frame, FRAMES)):
+    for word, allowed in ((wall.shape, (*SHAPES, ARMS)), (wall.keep, SIDES), (wall.of, PARTS)):
         if word not in allowed:
             return f"{word}: allowed are {', '.join(allowed)}"
-    row, needed = ARM_TYPES[arm_type], SIZES[wall.shape]
+    if wall.shape == ARMS and wall != Wall(wall.name, ARMS, of=wall.of, margin=wall.margin, unknown=wall.unknown,
+                                           arms=wall.arms):
+        return "other arms are where they are: only of, margin, unknown and arms go with this shape"
+    row, needed = ARM_TYPES[arm_type], SIZES.get(wall.shape, 0)
     if not all(abs(number) <= FARTHEST for number in (*wall.position, *wall.size)) or not 0.0 <= wall.margin <= WIDEST:
         return f"places and sizes are at most {FARTHEST:g} m, a margin at most {WIDEST:g} m"
     if len(wall.size) != needed:
@@ -316,7 +336,7 @@ def objection_to(wall: Wall, arm_type: str) -> str:
         return f"the size of a {wall.shape} must be above 0"
     if wall.shape == CONE and not wall.size[0] < math.pi / 2:
         return "half of a cone's angle is below π/2"
-    if wall.of in (JAW, SHAFT) and not (row.joints < row.actuators or (row.has_endoscope and wall.of == SHAFT)):
+    if wall.of in (JAW, SHAFT) and (not row.has_remote_centre or (row.has_endoscope and wall.of == JAW)):
         return f"walls of an {arm_type} are for its tip or instrument, not its {wall.of}"
     try:
         pose_of(wall)
