@@ -44,11 +44,11 @@ class Verb:
 
 
 VERBS: tuple[Verb, ...] = (
-    Verb("demo", "verbs.demo:demo", "Demo: an emulated master draws, a PSM follows.", moves=True),
+    Verb("demo", "verbs.demo:demo", "Demo: a simulated operator draws with a master, a PSM follows.", moves=True),
     Verb("up", "verbs.up:up", "Start a system; powers and moves nothing.", moves=True),
     Verb("down", "verbs.down:down", "Stop a system, and clean up after crashed systems.", moves=True),
     Verb("start", "verbs.processes:start", "Start one process of a running system.", moves=True),
-    Verb("stop", "verbs.processes:stop", "Stop one process, and name those that depend on it.", moves=True),
+    Verb("stop", "verbs.processes:stop", "Stop one process, and list those that depend on it.", moves=True),
     Verb("restart", "verbs.processes:restart", "Stop one process and start it again.", moves=True),
     Verb("power-on", "verbs.power:power_on", "Enable the arms.", moves=True),
     Verb("home", "verbs.power:home", "Power on where needed and home the arms.", moves=True),
@@ -80,10 +80,11 @@ VERBS: tuple[Verb, ...] = (
     Verb("compare", "verbs.compare:compare", "Compare two recordings."),
     Verb("attach", "verbs.attach:attach", "Full-screen live monitor."),
     Verb("recordings", "verbs.recordings:recordings", "List recordings."),
-    Verb("dump", "verbs.dump:dump", "Save a system's shared memory, also after a crash."),
+    Verb("dump", "verbs.dump:dump", "Save a system's shared memory, even after a crash."),
     Verb("report", "verbs.report:report", "Pack logs, recordings and versions for a bug report."),
     Verb("rl", "", "Environments for learning.", moves=True, parts=(
-        Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment, here, on Ray, or on a robot.", moves=True),
+        Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment: on this machine, on Ray, or on a robot.",
+             moves=True),
     )),
     Verb("new-arm", "new_arm.verb:new_arm", "Write the configuration files of a new arm."),
     Verb("commission", "commission.verb:commission", "Commission a robot, stage by stage.", moves=True),

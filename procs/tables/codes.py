@@ -68,7 +68,7 @@ NOT_FINITE: Final = Code(
     "not-finite", ERROR, "io", "a setpoint or a requested current was not a finite number",
     "correct the program that sent it, then trocar home NAME; the value did not reach the motors", 15, STOP)
 ARM_LOST: Final = Code(
-    "arm-lost", ERROR, "io", "the arm's process has sent no setpoints for too long; holding",
+    "arm-lost", ERROR, "io", "the arm's process has sent no setpoints for too long; io holds the arm",
     "if it does not resume by itself: trocar start NAME; if in doubt, power off", 16, NOTHING, "s")
 ARM_LOST_POWER_OFF: Final = Code(
     "arm-lost-power-off", ERROR, "io", "the arm's process did not come back; power was switched off",
@@ -113,7 +113,7 @@ TASK_FAILED: Final = Code(
 # any process
 HELD_UP: Final = Code(
     "held-up", WARNING, "any",
-    "a process stalled (stopped, starved of CPU time or suspended) and restarted as if it had been killed",
+    "a process stalled (stopped, starved of CPU time or suspended), then restarted like a killed one",
     "if frequent: the machine is too slow or too busy (trocar doctor); or raise processes.NAME.late_s")
 
 # supervisor
@@ -126,8 +126,8 @@ PROCESS_LATE: Final = Code(
     "if frequent: the machine is too slow or too busy (trocar doctor, docs/real-time.md)")
 MEMORY_REMOVED: Final = Code(
     "memory-removed", WARNING, "supervisor", "another program removed segments from /dev/shm; the robot continues",
-    "usually logind did, at a logout: sudo loginctl enable-linger USER prevents it. To restore them: trocar down, then "
-    "trocar up")
+    "usually logind, when a user logs out: sudo loginctl enable-linger USER prevents it. To restore them: trocar down, "
+    "then trocar up")
 
 # boards
 BOARDS_LATE: Final = Code(
@@ -162,7 +162,8 @@ HOMING_TIMEOUT: Final = Code(
     "homing-timeout", ERROR, "arm", "the arm did not reach its home position in time",
     "remove obstacles, check the tolerances in the PID file, then trocar home NAME")
 ROLL_PLAN: Final = Code(
-    "roll-plan", ERROR, "arm", "found no path to the roll's stop", "turn the roll to mid-range, then trocar home NAME")
+    "roll-plan", ERROR, "arm", "no path to the roll's stop was found",
+    "turn the roll to mid-range, then trocar home NAME")
 ROLL_PASSED: Final = Code(
     "roll-passed", ERROR, "arm", "the roll went past the expected position of its lower stop",
     "check the roll's stop and its encoder, then trocar home NAME")
@@ -206,7 +207,7 @@ INVERSE_KINEMATICS: Final = Code(
     "inverse-kinematics", ERROR, "arm", "the goal of a move, or the first pose of a stream, is out of reach; refused",
     "give a pose within reach")
 AT_LIMIT: Final = Code(
-    "at-limit", WARNING, "arm", "a pose of a stream is out of reach; the arm follows along its limit",
+    "at-limit", WARNING, "arm", "a pose of a stream is out of reach; the arm goes as near as its limits allow",
     "move the goal back")
 AT_WALL: Final = Code(
     "at-wall", WARNING, "arm", "a goal of a stream is beyond a wall; the arm stays on its allowed side",
@@ -227,7 +228,7 @@ STREAM_JUMP: Final = Code(
     "begin the stream at the arm's present setpoint, or use move_jp or move_cp")
 STREAM_REFUSED: Final = Code(
     "stream-refused", WARNING, "arm", "goals were refused: the stream was stopped, or another program is streaming",
-    "if your stream was stopped, send no goals for 0.5 s; else stop the other program's first, by the command hold")
+    "if your stream was stopped, send no goals for 0.5 s, then stream again; else end the other stream first, by hold")
 SPEED_LIMITED: Final = Code(
     "speed-limited", WARNING, "arm", "a stream exceeds the maximum speed of a joint; the arm lags behind it",
     "stream more slowly: make each goal differ less from the one before")
@@ -236,7 +237,7 @@ CLIENT_TIMEOUT: Final = Code(
     "find out why it stopped or was too slow, then stream again")
 EFFORT_TIMEOUT: Final = Code(
     "effort-timeout", WARNING, "arm, teleop", "the program that sent efforts or wrenches went silent; they have ended",
-    "repeat them at least every 0.1 s for as long as they are to act")
+    "repeat them at least every 0.1 s while they should act")
 ORIENTATION_LOCK: Final = Code(
     "orientation-lock", WARNING, "arm", "an orientation cannot be locked, or can no longer be held",
     "turn the gripper away from its limit")
@@ -252,7 +253,7 @@ TOOL_NOT_NAMED: Final = Code(
 ENDOSCOPE_TYPE: Final = Code(
     "endoscope-type", ERROR, "arm", "an endoscope name is unknown", "use one of the names in the message")
 CPU_OVERLOAD: Final = Code(
-    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs in every second period only", BUSY)
+    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs only in every second period", BUSY)
 
 # setup joints
 CLUTCH_RELEASED: Final = Code(
@@ -331,7 +332,7 @@ OPERATOR_TIMEOUT: Final = Code(
     "press the pedal again; if the console does not come back by itself: trocar start NAME")
 OPERATOR_ABSENT: Final = Code(
     "operator-absent", WARNING, "teleop", "no operator detected at the console; following has stopped",
-    "return to the console: press the operator's pedal, or put your head to the sensor")
+    "return to the console: press the operator's pedal, or place your head in front of the head sensor")
 TELEOP_WAITING: Final = Code(
     "teleop-waiting", WARNING, "teleop", "the teleoperation is waiting for something before it follows",
     "do what the message says; usually, pinch or twist the master's gripper")
@@ -341,7 +342,8 @@ TELEOP_DISABLED: Final = Code(
     "teleop-disabled", WARNING, "console", "an arm had a fault; teleoperation is no longer enabled",
     "once the fault is fixed: trocar send NAME teleop_enable 1")
 HEAD_SENSOR: Final = Code(
-    "head-sensor", WARNING, "console", "head sensor plugged in or out; without one, the operator counts as absent",
+    "head-sensor", WARNING, "console",
+    "the head sensor was plugged in or unplugged; without one, the operator counts as absent",
     "if unplugged: check its cable, and the permission to read it")
 TELEOP_REFUSED: Final = Code("teleop-refused", WARNING, "console", "a teleoperation refused a request of the console",
                              "trocar status shows the teleoperation's reason")
@@ -355,8 +357,9 @@ SOUND_FAILED: Final = Code("sound-failed", WARNING, "system", "a sound could not
 THIRD_PARTY_ERROR: Final = Code(
     "third-party-error", ERROR, "third_party", "a third-party program that provides an arm reports an error",
     "see that program; teleoperations that use it stop")
-ROS_MESSAGE: Final = Code("ros-message", WARNING, "third_party", "an arm from ROS warns, or its message was refused",
-                          "see the program that publishes it; docs/ros.md lists its topics")
+ROS_MESSAGE: Final = Code(
+    "ros-message", WARNING, "third_party", "an arm provided by a ROS program warns, or its message was refused",
+    "see the program that publishes it; docs/ros.md lists its topics")
 ROS_REFUSED: Final = Code("ros-refused", WARNING, "ros_bridge", "a command from ROS was refused, or did not succeed",
                           "docs/commands.md lists what each topic takes")
 

@@ -88,15 +88,16 @@ def commission(
         "--report", help="Report file; default: commission-SYSTEM.json.")] = None,
     pack_into: Annotated[Path | None, typer.Option(
         "--pack", metavar="FILE", help="Run no stage; pack report, files, logs, recordings and versions into this new "
-        ".tar.gz, to send.")] = None,
+        ".tar.gz, which you can send.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section.")] = None,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", metavar="NAME", help="Name of the system during commissioning."),
     ] = default_system(NAME),
 ) -> int:
-    """The first day on a robot, from finding the boards to slow motion; each stage stops at the first problem and says
-    what to do. A rerun resumes after the last stage that passed. Read docs/first-hardware.md first.
+    """Take a robot through its first day in stages, from finding the boards to slow motion; each stage stops at the
+    first problem and says what to do. A rerun resumes after the last stage that passed. First read
+    docs/first-hardware.md.
 
     Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
     """

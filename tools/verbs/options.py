@@ -13,7 +13,8 @@ CLOCKS = ("wall", "paced", "lockstep")
 
 SystemOption = Annotated[
     str | None,
-    typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="System name; default: the only one up."),
+    typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME",
+                 help="System name; default: the only one that is up."),
 ]
 ClockOption = Annotated[
     str, typer.Option("--clock", metavar="CLOCK",
@@ -28,7 +29,7 @@ PathOption = Annotated[
     list[Path] | None, typer.Option("--path", metavar="FOLDER", help="Additional folder in which to search for files; "
                                     "may be given several times."),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="JSON for programs, one object a line.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="JSON for programs, one object per line.")]
 
 
 def clock_set(clock: str) -> tuple[str, ...]:

@@ -32,7 +32,8 @@ SPEEDS = 0.01, 100.0
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
     arms: Annotated[list[str] | None, typer.Option("--arms", metavar="ARM", help="Only this arm; repeatable.")] = None,
-    commands: Annotated[bool, typer.Option("--commands", help="Send the recorded moves, not the setpoints.")] = False,
+    commands: Annotated[bool, typer.Option(
+        "--commands", help="Send the recorded motion commands, not the setpoints.")] = False,
     name: Annotated[str, typer.Option("--as", metavar="NAME", help="Show the records as a system of this name.")] = "",
     fresh: Annotated[bool, typer.Option("--fresh", help="Repeat the run in a new system and compare.")] = False,
     into: Annotated[Path | None, typer.Option(

@@ -57,8 +57,8 @@ def scope(
     several elements, the condition is met when any one of them meets it. Without --when, the last half second is shown
     at once.
 
-    Shared memory holds the last 1.9 s, 0.7 s in a system without boards; a longer --before is possible only for data
-    written after this command has started. This command also reads recordings, and the memory of a crashed system; both
+    Shared memory holds the last 1.9 s of data (0.7 s in a system without boards). A longer --before reaches back at
+    most to the start of this command. This command also reads recordings, and the memory of a crashed system; both
     imply --past. Fields that are computed only on request are requested while this runs; they have no values from
     before. Exit code 1: the condition was not met.
 
