@@ -76,7 +76,7 @@ def _has_no_table(robot: Robot) -> bool:
 @ended_as_by_ctrl_c()
 def commission(
     file: Annotated[Path, typer.Argument(metavar="SYSTEM", help="System file.")],
-    boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse it without hardware.")] = "",
+    boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse without hardware.")] = "",
     path: PathOption = None,
     stage: Annotated[str, typer.Option("--stage", help="Repeat one stage; those before it must have passed.")] = "",
     listed: Annotated[bool, typer.Option("--list", help="List the stages, and show which have passed.")] = False,
@@ -87,10 +87,10 @@ def commission(
     report: Annotated[Path | None, typer.Option(
         "--report", help="Report file; default: commission-SYSTEM.json.")] = None,
     pack_into: Annotated[Path | None, typer.Option(
-        "--pack", metavar="FILE", help="Run no stage; pack report, files, logs, recordings and versions into this new "
-        ".tar.gz, which you can send.")] = None,
+        "--pack", metavar="FILE", help="Run no stage; pack the report, configuration files, logs, recordings and "
+        "version numbers into this new .tar.gz, ready to send.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
-        "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section.")] = None,
+        "--set", metavar="KEY=VALUE", help="Set a key of the system file's `trocar:` section.")] = None,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", metavar="NAME", help="Name of the system during commissioning."),
     ] = default_system(NAME),

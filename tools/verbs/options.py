@@ -22,7 +22,7 @@ ClockOption = Annotated[
                       "as fast as possible); default: wall with hardware, else paced."),
 ]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section, e.g. "
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a key of the file's `trocar:` section, e.g. "
                                    "io.period_s=0.001; docs/configuration.md lists all keys."),
 ]
 PathOption = Annotated[

@@ -36,7 +36,7 @@ def record(
         metavar="[NAME]", help="Name of the recording; its file is NAME-TIME.mcap.")] = "",
     topics: Annotated[list[str] | None, typer.Argument(
         metavar="[TOPICS]...",
-        help="Topics, or instances with all their topics; default: all arms, io and consoles.")] = None,
+        help="Topics, or names of processes, for all their topics; default: all arms, io and consoles.")] = None,
     seconds: Annotated[float, typer.Option(
         "--for", min=0.0, max=86400.0, help="Seconds of the system's time; 0: until Ctrl-C.")] = 0.0,
     stop: Annotated[bool, typer.Option("--stop", help="End the recording of this name that is under way.")] = False,

@@ -49,8 +49,8 @@ def replay(
     """Send recorded setpoints to homed arms of a running system: the arms first move slowly to the start of the
     recording, then follow it at the recorded speed.
 
-    With --commands, the recorded commands (move_jp …) are sent again instead. Real robots need --real-robot. The
-    replay ends if an arm faults, or on Ctrl-C; the arms then hold.
+    With --commands, the recorded commands (move_jp …) are sent instead of the setpoints. Real robots need
+    --real-robot. The replay ends if an arm faults, or on Ctrl-C; the arms then hold.
 
     With --as, the records appear as a read-only system, for list, echo, scope and bridges.
 

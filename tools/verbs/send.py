@@ -28,7 +28,7 @@ def send(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Send a command and print the reply. Numbers are in rad, m, s, N and N·m; some also take text.
+    """Send a command and print the reply. Numbers are in rad, m, s, N and N·m; some commands also take text.
 
     Without a command: list the commands of the component. An effort or wrench that is sent only once times out after
     0.1 s (arm.effort_timeout_s). An effort of zero does not time out: it leaves the arm free, with only its weight
