@@ -44,11 +44,11 @@ class Verb:
 
 
 VERBS: tuple[Verb, ...] = (
-    Verb("demo", "verbs.demo:demo", "Demo: an emulated master draws, a PSM follows.", moves=True),
-    Verb("up", "verbs.up:up", "Start a system; powers and moves nothing.", moves=True),
+    Verb("demo", "verbs.demo:demo", "Demo: a simulated operator draws with a master, and a PSM follows.", moves=True),
+    Verb("up", "verbs.up:up", "Start a system, without powering or moving anything.", moves=True),
     Verb("down", "verbs.down:down", "Stop a system, and clean up after crashed systems.", moves=True),
     Verb("start", "verbs.processes:start", "Start one process of a running system.", moves=True),
-    Verb("stop", "verbs.processes:stop", "Stop one process, and name those that depend on it.", moves=True),
+    Verb("stop", "verbs.processes:stop", "Stop one process, and list those that depend on it.", moves=True),
     Verb("restart", "verbs.processes:restart", "Stop one process and start it again.", moves=True),
     Verb("power-on", "verbs.power:power_on", "Enable the arms.", moves=True),
     Verb("home", "verbs.power:home", "Power on where needed and home the arms.", moves=True),
@@ -56,15 +56,15 @@ VERBS: tuple[Verb, ...] = (
     Verb("send", "verbs.send:send", "Send any command to a component.", moves=True, raw=True),
     Verb("get", "verbs.properties:get", "List properties of processes."),
     Verb("set", "verbs.properties:set_property", "Set a property of a process.", moves=True, raw=True),
-    Verb("record", "verbs.record:record", "Record topics into a file, at full rate."),
+    Verb("record", "verbs.record:record", "Record topics to a file, at full rate."),
     Verb("stream", "verbs.stream:stream", "Stream joint setpoints from a CSV file to an arm.", moves=True),
     Verb("replay", "verbs.replay:replay", "Replay a recording.", moves=True),
-    Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
+    Verb("pid", "", "Show, change and save the gains of the joint controllers.", moves=True, parts=(
         Verb("show", "verbs.pid:show", "Print the gains in use."),
         Verb("set", "verbs.pid:set_gains", "Change gains of a running controller.", moves=True),
         Verb("save", "verbs.pid:save", "Save the gains in use as a PID file."),
     )),
-    Verb("bus", "", "Controllers on a bus: find, read, write and watch them.", moves=True, parts=(
+    Verb("bus", "", "Find, read, write and watch the controllers on a bus.", moves=True, parts=(
         Verb("scan", "verbs.bus:scan", "Find every controller; the first scan after power-up writes node numbers."),
         Verb("read", "verbs.bus:read", "Read registers."),
         Verb("write", "verbs.bus:write", "Write a register; asks first.", moves=True),
@@ -80,15 +80,16 @@ VERBS: tuple[Verb, ...] = (
     Verb("compare", "verbs.compare:compare", "Compare two recordings."),
     Verb("attach", "verbs.attach:attach", "Full-screen live monitor."),
     Verb("recordings", "verbs.recordings:recordings", "List recordings."),
-    Verb("dump", "verbs.dump:dump", "Save a system's shared memory, also after a crash."),
-    Verb("report", "verbs.report:report", "Pack logs, recordings and versions for a bug report."),
+    Verb("dump", "verbs.dump:dump", "Save a system's shared memory, even after a crash."),
+    Verb("report", "verbs.report:report", "Pack logs, recordings and version numbers for a bug report."),
     Verb("rl", "", "Environments for learning.", moves=True, parts=(
-        Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment, here, on Ray, or on a robot.", moves=True),
+        Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment: on this machine, on Ray, or on a robot.",
+             moves=True),
     )),
     Verb("new-arm", "new_arm.verb:new_arm", "Write the configuration files of a new arm."),
     Verb("commission", "commission.verb:commission", "Commission a robot, stage by stage.", moves=True),
     Verb("check", "verbs.check:check", "Validate configuration files."),
-    Verb("kinematics", "", "Kinematics and gravity from files, without a robot: JSON lines in and out.", parts=(
+    Verb("kinematics", "", "Compute kinematics and gravity from files; reads and writes JSON lines.", parts=(
         Verb("fk", "verbs.kinematics:fk", "Pose of the tip."),
         Verb("jacobian", "verbs.kinematics:jacobian", "Body and spatial Jacobian."),
         Verb("ik", "verbs.kinematics:ik", "Joints for a pose, or why none reach it."),
@@ -99,7 +100,8 @@ VERBS: tuple[Verb, ...] = (
     Verb("bench", "verbs.bench:bench", "Measure the machine and the software."),
 )
 
-PANELS = {True: "Verbs that may start, stop, power or move something", False: "Verbs that power and move nothing"}
+PANELS = {True: "Verbs that may start, stop, power or move something",
+          False: "Verbs that neither power nor move anything"}
 
 
 class VerbGroup(TyperGroup):

@@ -68,7 +68,7 @@ NOT_FINITE: Final = Code(
     "not-finite", ERROR, "io", "a setpoint or a requested current was not a finite number",
     "correct the program that sent it, then trocar home NAME; the value did not reach the motors", 15, STOP)
 ARM_LOST: Final = Code(
-    "arm-lost", ERROR, "io", "the arm's process has sent no setpoints for too long; holding",
+    "arm-lost", ERROR, "io", "the arm's process has sent no setpoints for too long; io holds the arm",
     "if it does not resume by itself: trocar start NAME; if in doubt, power off", 16, NOTHING, "s")
 ARM_LOST_POWER_OFF: Final = Code(
     "arm-lost-power-off", ERROR, "io", "the arm's process did not come back; power was switched off",
@@ -92,10 +92,10 @@ CALIBRATION_MOTORS: Final = Code(
     "calibration-motors", WARNING, "io", "in calibration mode the motor amplifiers of a dRA1 stay off",
     "brakes can be released and the arm moved by hand; switch calibration_mode off to use the motors", 23, NOTHING)
 PERIOD: Final = Code(
-    "period", ERROR, "io", "the I/O loop took more than twice its period on average over a second",
+    "period", ERROR, "io", "averaged over a second, the I/O loop took more than twice its period",
     f"{BUSY}, or set a longer io.period_s", 24, STOP, "s")
 PERIOD_LONG: Final = Code(
-    "period-long", WARNING, "io", "the work of an I/O cycle took longer than its period on average over a second",
+    "period-long", WARNING, "io", "averaged over a second, the work in an I/O cycle took longer than its period",
     f"{BUSY}, or set a longer io.period_s", 25, NOTHING, "s")
 FOREIGN_DATAGRAMS: Final = Code(
     "foreign-datagrams", WARNING, "io", f"datagrams from {SENDER} are ignored: no controller has this address",
@@ -113,7 +113,7 @@ TASK_FAILED: Final = Code(
 # any process
 HELD_UP: Final = Code(
     "held-up", WARNING, "any",
-    "a process stalled (stopped, starved of CPU time or suspended) and restarted as if it had been killed",
+    "a process stalled (stopped, starved of CPU time or suspended), and was restarted as if killed",
     "if frequent: the machine is too slow or too busy (trocar doctor); or raise processes.NAME.late_s")
 
 # supervisor
@@ -126,8 +126,8 @@ PROCESS_LATE: Final = Code(
     "if frequent: the machine is too slow or too busy (trocar doctor, docs/real-time.md)")
 MEMORY_REMOVED: Final = Code(
     "memory-removed", WARNING, "supervisor", "another program removed segments from /dev/shm; the robot continues",
-    "usually logind did, at a logout: sudo loginctl enable-linger USER prevents it. To restore them: trocar down, then "
-    "trocar up")
+    "usually logind, when a user logs out: sudo loginctl enable-linger USER prevents it. To restore them: trocar down, "
+    "then trocar up")
 
 # boards
 BOARDS_LATE: Final = Code(
@@ -142,7 +142,7 @@ IO_RESTARTED: Final = Code(
     "io-restarted", ERROR, "arm, suj", "io was restarted", "trocar home NAME; the log of io may say why")
 IO_FAULT: Final = Code(
     "io-fault", ERROR, "arm, suj", "io reports a fault with an unknown number",
-    "run all processes from the same version")
+    "run the same version of Trocar in all processes")
 PID_OFF: Final = Code(
     "pid-off", ERROR, "arm, suj", "another program switched the joint controller off, or off and on again",
     "trocar home NAME; trocar logs --commands shows which program did so")
@@ -162,7 +162,8 @@ HOMING_TIMEOUT: Final = Code(
     "homing-timeout", ERROR, "arm", "the arm did not reach its home position in time",
     "remove obstacles, check the tolerances in the PID file, then trocar home NAME")
 ROLL_PLAN: Final = Code(
-    "roll-plan", ERROR, "arm", "found no path to the roll's stop", "turn the roll to mid-range, then trocar home NAME")
+    "roll-plan", ERROR, "arm", "no path to the roll's stop was found",
+    "turn the roll to mid-range, then trocar home NAME")
 ROLL_PASSED: Final = Code(
     "roll-passed", ERROR, "arm", "the roll went past the expected position of its lower stop",
     "check the roll's stop and its encoder, then trocar home NAME")
@@ -188,7 +189,7 @@ COMMAND_REFUSED: Final = Code(
     "do what the message says; trocar send NAME lists the commands of NAME")
 OWN_STATE: Final = Code(
     "own-state", WARNING, "arm",
-    "a state of a derived arm requested something impossible; that state has ended, the arm holds",
+    "a state of a derived arm's code requested something impossible; it has ended, and the arm holds",
     "change the state's code as the message says (docs/derived-arms.md)")
 NOT_READY: Final = Code(
     "not-ready", WARNING, "arm", "a motion command or a clutch press was ignored, as the arm is not homed",
@@ -206,7 +207,7 @@ INVERSE_KINEMATICS: Final = Code(
     "inverse-kinematics", ERROR, "arm", "the goal of a move, or the first pose of a stream, is out of reach; refused",
     "give a pose within reach")
 AT_LIMIT: Final = Code(
-    "at-limit", WARNING, "arm", "a pose of a stream is out of reach; the arm follows along its limit",
+    "at-limit", WARNING, "arm", "a pose of a stream is out of reach; the arm goes as near as its limits allow",
     "move the goal back")
 AT_WALL: Final = Code(
     "at-wall", WARNING, "arm", "a goal of a stream is beyond a wall; the arm stays on its allowed side",
@@ -227,7 +228,7 @@ STREAM_JUMP: Final = Code(
     "begin the stream at the arm's present setpoint, or use move_jp or move_cp")
 STREAM_REFUSED: Final = Code(
     "stream-refused", WARNING, "arm", "goals were refused: the stream was stopped, or another program is streaming",
-    "if your stream was stopped, send no goals for 0.5 s; else stop the other program's first, by the command hold")
+    "if your stream was stopped, send no goals for 0.5 s; otherwise, first end the other stream with the command hold")
 SPEED_LIMITED: Final = Code(
     "speed-limited", WARNING, "arm", "a stream exceeds the maximum speed of a joint; the arm lags behind it",
     "stream more slowly: make each goal differ less from the one before")
@@ -236,7 +237,7 @@ CLIENT_TIMEOUT: Final = Code(
     "find out why it stopped or was too slow, then stream again")
 EFFORT_TIMEOUT: Final = Code(
     "effort-timeout", WARNING, "arm, teleop", "the program that sent efforts or wrenches went silent; they have ended",
-    "repeat them at least every 0.1 s for as long as they are to act")
+    "repeat them at least every 0.1 s for as long as they should act")
 ORIENTATION_LOCK: Final = Code(
     "orientation-lock", WARNING, "arm", "an orientation cannot be locked, or can no longer be held",
     "turn the gripper away from its limit")
@@ -252,15 +253,15 @@ TOOL_NOT_NAMED: Final = Code(
 ENDOSCOPE_TYPE: Final = Code(
     "endoscope-type", ERROR, "arm", "an endoscope name is unknown", "use one of the names in the message")
 CPU_OVERLOAD: Final = Code(
-    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs in every second period only", BUSY)
+    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs only in every second period", BUSY)
 
 # setup joints
 CLUTCH_RELEASED: Final = Code(
     "clutch-released", WARNING, "suj", "a clutch command has ended, after a minute or because power went off",
     "clutch again if you still need it")
 CLUTCH_STUCK: Final = Code(
-    "clutch-stuck", WARNING, "io, suj", "a button of the setup joints was already pressed when they got power or "
-    "their process began; it has no effect until it is released",
+    "clutch-stuck", WARNING, "io, suj", "a button of the setup joints was already pressed when they were powered "
+    "or their process started; it has no effect until it is released",
     "release the button; if it is not pressed, check it and its cable")
 MULTIPLEXER_CHANNEL: Final = Code(
     "multiplexer-channel", WARNING, "suj", "the interface board reports a channel other than the requested one",
@@ -296,7 +297,7 @@ ARM_IMPLAUSIBLE: Final = Code(
     "a master jumped, or a third-party arm sends implausible values; following has stopped",
     "pinch or twist the master's gripper; if it recurs, check encoders or program (docs/third-party-masters.md)")
 ARM_CLUTCHED: Final = Code(
-    "arm-clutched", WARNING, "teleop", "one of its arms is moved by hand; following has stopped",
+    "arm-clutched", WARNING, "teleop", "one of its arms is being moved by hand; following has stopped",
     "release the arm's clutch, then pinch or twist the master's gripper")
 ARM_NOT_READY: Final = Code(
     "arm-not-ready", ERROR, "teleop", "one of its arms is no longer enabled and homed",
@@ -305,7 +306,7 @@ ARM_STOPPED: Final = Code(
     "arm-stopped", WARNING, "teleop", "another program stopped one of its arms; teleoperation has ended",
     "press the pedal again, or enable teleoperation again")
 ARM_TAKEN: Final = Code(
-    "arm-taken", WARNING, "teleop", "another program moves a master, or made it hold; following has stopped",
+    "arm-taken", WARNING, "teleop", "another program is moving a master, or has made it hold; following has stopped",
     "end that program, then pinch or twist the master's gripper")
 ARM_SETUP_TIMEOUT: Final = Code(
     "arm-setup-timeout", ERROR, "teleop", "one of its arms was not enabled and homed in time",
@@ -321,17 +322,17 @@ MASTER_OUTSIDE: Final = Code(
     "bring the masters back in front of you and press the pedal again")
 CAMERA_JUMP: Final = Code(
     "camera-jump", ERROR, "teleop", "the camera would jump: hands crossed, or one behind the other",
-    "bring the hands side by side and press the pedal again")
+    "bring your hands side by side and press the pedal again")
 NO_JAW: Final = Code("no-jaw", ERROR, "teleop", "the slave has no jaw to follow the gripper",
                      "mount an instrument or set ignore_jaw")
 TOOL_CHANGED: Final = Code("tool-changed", ERROR, "teleop", "the slave's instrument was changed while it followed",
                            "enable teleoperation again")
 OPERATOR_TIMEOUT: Final = Code(
-    "operator-timeout", ERROR, "teleop", "the console went silent while the camera was moved; following has stopped",
+    "operator-timeout", ERROR, "teleop", "the console was silent while the camera moved; following has stopped",
     "press the pedal again; if the console does not come back by itself: trocar start NAME")
 OPERATOR_ABSENT: Final = Code(
     "operator-absent", WARNING, "teleop", "no operator detected at the console; following has stopped",
-    "return to the console: press the operator's pedal, or put your head to the sensor")
+    "return to the console: press the operator's pedal, or place your head in front of the head sensor")
 TELEOP_WAITING: Final = Code(
     "teleop-waiting", WARNING, "teleop", "the teleoperation is waiting for something before it follows",
     "do what the message says; usually, pinch or twist the master's gripper")
@@ -341,7 +342,8 @@ TELEOP_DISABLED: Final = Code(
     "teleop-disabled", WARNING, "console", "an arm had a fault; teleoperation is no longer enabled",
     "once the fault is fixed: trocar send NAME teleop_enable 1")
 HEAD_SENSOR: Final = Code(
-    "head-sensor", WARNING, "console", "head sensor plugged in or out; without one, the operator counts as absent",
+    "head-sensor", WARNING, "console",
+    "the head sensor was plugged in or unplugged; without one, the operator counts as absent",
     "if unplugged: check its cable, and the permission to read it")
 TELEOP_REFUSED: Final = Code("teleop-refused", WARNING, "console", "a teleoperation refused a request of the console",
                              "trocar status shows the teleoperation's reason")
@@ -351,12 +353,13 @@ BEEP_CLIPPED: Final = Code(
     "beep-clipped", WARNING, "system", "a value of a beep was out of range; the nearest allowed one was used",
     "give values within the range in docs/teleoperation.md")
 SOUND_FAILED: Final = Code("sound-failed", WARNING, "system", "a sound could not be played",
-                           "sounds only inform, nothing else is affected")
+                           "sounds are for information only; nothing else is affected")
 THIRD_PARTY_ERROR: Final = Code(
     "third-party-error", ERROR, "third_party", "a third-party program that provides an arm reports an error",
     "see that program; teleoperations that use it stop")
-ROS_MESSAGE: Final = Code("ros-message", WARNING, "third_party", "an arm from ROS warns, or its message was refused",
-                          "see the program that publishes it; docs/ros.md lists its topics")
+ROS_MESSAGE: Final = Code(
+    "ros-message", WARNING, "third_party", "an arm of a ROS program sent a warning, or one of its messages was refused",
+    "see the program that publishes it; docs/ros.md lists its topics")
 ROS_REFUSED: Final = Code("ros-refused", WARNING, "ros_bridge", "a command from ROS was refused, or did not succeed",
                           "docs/commands.md lists what each topic takes")
 
@@ -365,13 +368,13 @@ USER_ERROR: Final = Code(
     "user-error", ERROR, "user", "a user process reports a problem",
     "fix the problem that it names; if it does not resume by itself: trocar restart NAME")
 USER_SLOW: Final = Code(
-    "user-slow", WARNING, "filters", "a filter took longer than its period; the others of its process had to wait",
-    "make its update faster, its process's period longer, or give it a separate process")
+    "user-slow", WARNING, "filters", "a filter took longer than its period; other filters in its process had to wait",
+    "make its update faster, lengthen its process's period, or give it a separate process")
 
 # recorder
 RECORDING_DROPPED: Final = Code(
     "recording-dropped", WARNING, "recorder", "the disk is full or too slow, so some records were lost",
-    "check that the folder is writable and has free space; trocar set recorder.minutes 5 keeps less")
+    "check that the folder is writable and has free space; to keep less: trocar set recorder.minutes 5")
 FAULT_RECORDED: Final = Code(
     "fault-recorded", WARNING, "recorder", "there was a fault; the records before it were saved to a file",
     "examine the file as docs/recordings.md describes")

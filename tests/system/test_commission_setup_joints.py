@@ -12,7 +12,7 @@ from tests.system.robot import Robot
 from trocar.procs.config.read.source import read_source
 from trocar.procs.document.system import from_json
 from trocar.shm.system import directory
-from trocar.tools.commission import setup_joints, stop
+from trocar.tools.commission import currents, setup_joints, stop
 from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.person import Settle
 from trocar.tools.commission.person_sim import AtBoards
@@ -43,6 +43,8 @@ def test_one_setup_arm_is_measured_with_its_brakes_released_by_its_clutch_only(r
     with OfOneArm(document) as person, RunningBench(document, person, ["SUJ"]) as bench:
         person.system, person.shown = robot.name, []
         assert bench.subjects == () and [cart.name for cart in bench.carts] == ["SUJ"]
+        (tmp_path / "currents").mkdir()
+        assert [str(problem) for problem in currents.run(bench, tmp_path / "currents").problems] == []
         outcome = setup_joints.run(bench, tmp_path)
         assert [str(problem) for problem in outcome.problems] == []
         where = outcome.figures["SUJ/PSM1"]["position"]

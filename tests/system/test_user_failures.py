@@ -115,6 +115,7 @@ def test_one_that_ends_by_itself_says_so_and_is_not_said_to_run(robot: Robot, tm
         assert problem(robot, name).startswith(f"not running: {why}; given up after")
         assert why in robot.trocar("start", name, code=1)
         assert f"ended: {why.removeprefix('exit code 0: ')}" in robot.trocar("logs", name)
+        wait_for(lambda name=name: "given up" in reason(robot, name), 60, "the start has failed")  # type: ignore[misc]
         robot.trocar("stop", name, "--yes")
         assert robot.state(name) == "STOPPED" and problem(robot, name) == "stopped"
         assert reason(robot, name).startswith(f"stopped: it had ended before: {why}")

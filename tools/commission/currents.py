@@ -35,20 +35,20 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     """One arm after the other; changed files are written at the end, if no problem occurred."""
     outcome = Outcome()
     changes: dict[str, dict[str, dict[io_file.Place, float]]] = {}
-    for subject in (each for each in bench.subjects if each.arm):
+    for subject in (*(each for each in bench.subjects if each.arm), *bench.setups):
         if subject.robot.hardware == "dRA1":
             outcome.notes.append(f"{subject.name}: dRA1 controllers need no current offsets")
             continue
-        bench.person.confirm(
-            f"The amplifiers of {subject.whole()} are switched on at zero command. Axes without brakes are free and "
-            "may drift: hold the arm where it is. Hand on the emergency stop.", subject.name)
+        keep = ("The brakes hold. Press no clutch of the setup joints, and no button of their column."
+                if subject.is_setup else "Axes without brakes are free and may drift: hold the arm where it is.")
+        bench.person.confirm(f"The amplifiers of {subject.whole()} are switched on at zero command. {keep} Hand on the "
+                             "emergency stop.", subject.name)
         off, on = _measured(bench, subject)
         if outcome.add(judge(off, on, subject)):
             return outcome
         measured, at_zero = mean_of(off, subject), mean_of(on, subject)
         changes.setdefault(subject.robot.source, {})[subject.name] = offsets(subject, measured, at_zero)
         outcome.figures[subject.name] = {"measured_a": measured.tolist(), "command_a": (at_zero - measured).tolist()}
-    outcome.notes += [f"{cart.name}: the current offsets of its boards are not measured here" for cart in bench.carts]
     return io_file.save_all(bench, outcome, changes, folder, write=write)
 
 
@@ -76,7 +76,9 @@ def _measured(bench: RunningBench, subject: Subject) -> tuple[Window, Window]:
 
 
 def moving(parts: Sequence[Window], subject: Subject) -> list[int]:
-    """Axes that have moved too far from the first to the last of some samples."""
+    """Axes that have moved too far from the first to the last of some samples; no setup joints: they have brakes."""
+    if subject.is_setup:
+        return []
     motion = parts[-1].axes("position", subject)[-1] - parts[0].axes("position", subject)[0]
     return [axis for axis in range(len(motion)) if not abs(motion[axis]) <= MAX_MOTION[subject.unit(axis)]]
 
@@ -119,6 +121,10 @@ def judge(off: Window, on: Window, subject: Subject) -> list[Finding]:
                              "supply on, amplifiers off", "stage power first"))
     if not on.drives("amp_on", subject).all():
         found.append(Finding(subject.whole(), "an amplifier went off", "all on", "trocar logs has the cause"))
+    asked = np.abs(on.drives("current_request", subject)).max(axis=0, initial=0.0)
+    if subject.is_setup and asked.max() > MAX_NOISE_A:
+        found.append(Finding(subject.where(int(asked.argmax())), f"{asked.max():.3f} A were requested", "no current",
+                             "press no clutch, and set brake_engaged_current to 0 for this stage"))
     for axis in moving([on], subject):
         unit = subject.unit(axis)
         found.append(Finding(subject.where(axis), f"it moved more than {MAX_MOTION[unit]:g} {unit}",

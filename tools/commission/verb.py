@@ -76,7 +76,7 @@ def _has_no_table(robot: Robot) -> bool:
 @ended_as_by_ctrl_c()
 def commission(
     file: Annotated[Path, typer.Argument(metavar="SYSTEM", help="System file.")],
-    boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse it without hardware.")] = "",
+    boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse without hardware.")] = "",
     path: PathOption = None,
     stage: Annotated[str, typer.Option("--stage", help="Repeat one stage; those before it must have passed.")] = "",
     listed: Annotated[bool, typer.Option("--list", help="List the stages, and show which have passed.")] = False,
@@ -87,16 +87,17 @@ def commission(
     report: Annotated[Path | None, typer.Option(
         "--report", help="Report file; default: commission-SYSTEM.json.")] = None,
     pack_into: Annotated[Path | None, typer.Option(
-        "--pack", metavar="FILE", help="Run no stage; pack report, files, logs, recordings and versions into this new "
-        ".tar.gz, to send.")] = None,
+        "--pack", metavar="FILE", help="Run no stage; pack the report, configuration files, logs, recordings and "
+        "version numbers into this new .tar.gz, ready to send.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
-        "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section.")] = None,
+        "--set", metavar="KEY=VALUE", help="Set a key of the system file's `trocar:` section.")] = None,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", metavar="NAME", help="Name of the system during commissioning."),
     ] = default_system(NAME),
 ) -> int:
-    """The first day on a robot, from finding the boards to slow motion; each stage stops at the first problem and says
-    what to do. A rerun resumes after the last stage that passed. Read docs/first-hardware.md first.
+    """Take a robot through its first day in stages, from finding the boards to slow motion; each stage stops at the
+    first problem and says what to do. A rerun resumes after the last stage that passed. First read
+    docs/first-hardware.md.
 
     Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
     """

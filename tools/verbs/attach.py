@@ -24,7 +24,7 @@ def attach(
 
     The keys are shown at the bottom: 1 to 6 or Tab select the page, / searches, f freezes, q quits. It needs no
     configuration, attaches at any time, and shows the data that a crashed system left in shared memory, marked as such.
-    With --json everything is one document; without a terminal it is printed once.
+    With --json, the output is one object. Without a terminal, everything is printed once as text.
 
     Example: trocar attach
 

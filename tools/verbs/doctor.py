@@ -10,9 +10,11 @@ from trocar.tools.verbs.options import JsonOption
 
 
 def doctor(as_json: JsonOption = False) -> int:
-    """Check this machine (kernel, rights, cores, memory, ports, network, free CPU) and print a fix for each problem.
+    """Check this machine (kernel, permissions, cores, memory, ports, network, free CPU) and print a fix for each
+    problem.
 
-    Changes nothing. Exit code 1: a robot would not run well; findings marked "note" do not matter for first trials.
+    Changes nothing. Exit code 1: a robot would not run well. Findings marked "note" do not count; they do not matter
+    for first trials.
 
     Example: trocar doctor
     """

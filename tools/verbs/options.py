@@ -13,7 +13,8 @@ CLOCKS = ("wall", "paced", "lockstep")
 
 SystemOption = Annotated[
     str | None,
-    typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="System name; default: the only one up."),
+    typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME",
+                 help="System name; default: the only one that is up."),
 ]
 ClockOption = Annotated[
     str, typer.Option("--clock", metavar="CLOCK",
@@ -21,14 +22,14 @@ ClockOption = Annotated[
                       "as fast as possible); default: wall with hardware, else paced."),
 ]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section, e.g. "
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a key of the file's `trocar:` section, e.g. "
                                    "io.period_s=0.001; docs/configuration.md lists all keys."),
 ]
 PathOption = Annotated[
     list[Path] | None, typer.Option("--path", metavar="FOLDER", help="Additional folder in which to search for files; "
                                     "may be given several times."),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="JSON for programs, one object a line.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="JSON for programs, one object per line.")]
 
 
 def clock_set(clock: str) -> tuple[str, ...]:

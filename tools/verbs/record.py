@@ -32,20 +32,22 @@ SHOWN: Final = ("name", "path", "passed_s", "bytes", "messages", "lost", "proble
 
 @ended_as_by_ctrl_c()
 def record(
-    name: Annotated[str, typer.Argument(metavar="[NAME]", help="Its name; the file is NAME-TIME.mcap.")] = "",
+    name: Annotated[str, typer.Argument(
+        metavar="[NAME]", help="Name of the recording; its file is NAME-TIME.mcap.")] = "",
     topics: Annotated[list[str] | None, typer.Argument(
         metavar="[TOPICS]...",
-        help="Topics, or instances with all their topics; default: all arms, io and consoles.")] = None,
+        help="Topics, or names of processes, for all their topics; default: all arms, io and consoles.")] = None,
     seconds: Annotated[float, typer.Option(
         "--for", min=0.0, max=86400.0, help="Seconds of the system's time; 0: until Ctrl-C.")] = 0.0,
     stop: Annotated[bool, typer.Option("--stop", help="End the recording of this name that is under way.")] = False,
-    detach: Annotated[bool, typer.Option("--detach", help="Return when it has begun; --stop ends it.")] = False,
+    detach: Annotated[bool, typer.Option(
+        "--detach", help="Return once the recording has begun; --stop ends it.")] = False,
     keep: Annotated[bool, typer.Option(
-        "--keep", help="Save the last minutes now, as after a fault; NAME is stored as the reason.")] = False,
+        "--keep", help="Save the last few minutes now, as after a fault; NAME is stored as the reason.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Record topics into a file, every record of them, with all events and commands. Ctrl-C ends it.
+    """Record topics to a file: every record, and all events and commands. Ctrl-C ends it.
 
     The recording also ends if this program ends for another reason, e.g. a closed terminal; with --detach it continues.
 

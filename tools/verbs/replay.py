@@ -32,7 +32,8 @@ SPEEDS = 0.01, 100.0
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
     arms: Annotated[list[str] | None, typer.Option("--arms", metavar="ARM", help="Only this arm; repeatable.")] = None,
-    commands: Annotated[bool, typer.Option("--commands", help="Send the recorded moves, not the setpoints.")] = False,
+    commands: Annotated[bool, typer.Option(
+        "--commands", help="Send the recorded motion commands, not the setpoints.")] = False,
     name: Annotated[str, typer.Option("--as", metavar="NAME", help="Show the records as a system of this name.")] = "",
     fresh: Annotated[bool, typer.Option("--fresh", help="Repeat the run in a new system and compare.")] = False,
     into: Annotated[Path | None, typer.Option(
@@ -48,8 +49,8 @@ def replay(
     """Send recorded setpoints to homed arms of a running system: the arms first move slowly to the start of the
     recording, then follow it at the recorded speed.
 
-    With --commands, the recorded commands (move_jp …) are sent again instead. Real robots need --real-robot. The
-    replay ends if an arm faults, or on Ctrl-C; the arms then hold.
+    With --commands, the recorded commands (move_jp …) are sent instead of the setpoints. Real robots need
+    --real-robot. The replay ends if an arm faults, or on Ctrl-C; the arms then hold.
 
     With --as, the records appear as a read-only system, for list, echo, scope and bridges.
 

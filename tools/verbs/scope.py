@@ -32,15 +32,16 @@ def scope(
     fields: Annotated[list[str], typer.Argument(metavar="FIELD…", help="E.g. PSM1/measured_js.velocity[0] or [0:3].")],
     when: Annotated[str, typer.Option("--when", metavar="CONDITION", help="Trigger; default: capture now.")] = "",
     before: Annotated[float | None, typer.Option(
-        "--before", min=0.0, max=MAX_S, help="Seconds before the trigger, or, without --when, before now (0.5).")
-        ] = None,
+        "--before", min=0.0, max=MAX_S,
+        help="Seconds before the trigger, or, without --when, before now; default: 0.5.")] = None,
     after: Annotated[float | None, typer.Option(
-        "--after", min=0.0, max=MAX_S, help="Seconds after the trigger (0.5).")] = None,
+        "--after", min=0.0, max=MAX_S, help="Seconds after the trigger; default: 0.5.")] = None,
     timeout: Annotated[float | None, typer.Option(
         "--timeout", min=0.0, help="Seconds of real time to wait for the trigger; then exit code 1.")] = None,
     past: Annotated[bool, typer.Option(
         "--past", help="Show the last time the condition was met, from memory; do not wait for the next.")] = False,
-    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="Every record as CSV; -: standard output.")] = "",
+    csv: Annotated[str, typer.Option(
+        "--csv", metavar="FILE", help="File for every record as CSV; `-` is standard output.")] = "",
     png: Annotated[str, typer.Option("--png", metavar="FILE", help="A PNG plot; needs matplotlib.")] = "",
     height: Annotated[int, typer.Option("--height", min=3, max=40, help="Lines per plot on the terminal.")] = 6,
     as_json: JsonOption = False,
@@ -49,18 +50,18 @@ def scope(
     end: ToOption = None,
     system: SystemOption = None,
 ) -> int:
-    """Show fields at full rate around a moment, like an oscilloscope.
+    """Show fields at full rate around a point in time, like an oscilloscope.
 
     A condition has one of four forms: `FIELD OP VALUE`; `abs(FIELD) OP VALUE`; `event NAME WHAT`; `fault NAME`. OP is
     > >= < <= == or !=. VALUE is a number, or a word such as FAULT. NAME and WHAT may be left out. WHAT is a severity, a
     code, or a part of the event's text in quotes. Combine conditions with `and`, `or`, `not` and brackets. If FIELD has
     several elements, the condition is met when any one of them meets it. Without --when, the last half second is shown
-    at once.
+    immediately.
 
-    Shared memory holds the last 1.9 s, 0.7 s in a system without boards; a longer --before is possible only for data
-    written after this command has started. This command also reads recordings, and the memory of a crashed system; both
-    imply --past. Fields that are computed only on request are requested while this runs; they have no values from
-    before. Exit code 1: the condition was not met.
+    Shared memory holds the last 1.9 s of data (0.7 s in a system without boards). A longer --before adds only
+    data written while this command runs. It also reads recordings, and the memory of a crashed system; both imply
+    --past. Fields that are computed only on request are requested by this command, and have no values from
+    before it started. Exit code 1: the condition was not met.
 
     Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 1
 

@@ -28,11 +28,11 @@ def send(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Send a command and print the reply. Numbers are in rad, m, s and N; some commands also take text.
+    """Send a command and print the reply. Numbers are in rad, m, s, N and N·m; some commands also take text.
 
-    Without a command: list the commands of the component. An effort or wrench that is sent only once ends after 0.1 s
-    (arm.effort_timeout_s). An effort of zero does not end: it leaves the arm free, with only its
-    weight compensated, until the arm's next command.
+    Without a command: list the commands of the component. An effort or wrench that is sent only once times out after
+    0.1 s (arm.effort_timeout_s). An effort of zero does not time out: it leaves the arm free, with only its weight
+    compensated, until the arm's next command.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """

@@ -26,9 +26,9 @@ RIGHTS = "{}; trocar doctor names the remedy"
 def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     """Show every process, arm, teleoperation and console, and what to do first.
 
-    Each process is shown with its rate, missed deadlines, restarts and the reason of its last exit; each arm with its
-    state, whether it is homed, and why it is in FAULT or what it waits for. The last line is "all well" or the first
-    thing to do. Exit code 1: a process has a problem, or something is in FAULT.
+    Each process is shown with its rate, missed deadlines, restarts and the reason for its last exit; each arm with its
+    state, whether it is homed, and why it is in FAULT or what it is waiting for. The last line is "all well" or the
+    first thing to do. Exit code 1: a process has a problem, or something is in FAULT.
 
     Example: trocar status --json
     """

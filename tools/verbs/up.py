@@ -42,7 +42,7 @@ def up(
     system: Annotated[str, typer.Option(
         "--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Name for the system.")] = default_system(),
 ) -> int:
-    """Start a system; it powers and moves nothing by itself. Ctrl-C or `trocar down` stops it.
+    """Start a system; by itself, this neither powers nor moves anything. Ctrl-C or `trocar down` stops it.
 
     Example: trocar up configs/systems/demo.yaml --boards emulated --detach
     """

@@ -9,15 +9,21 @@ import pytest
 
 from tests import stock
 from tests.tools.commission.harness import RigBench
+from trocar.procs.config.read.source import read_source
 from trocar.tools.commission import bench as running
 from trocar.tools.commission import brakes, currents, power, read, stop
 from trocar.tools.commission.bench import CommandOutcome, RunningBench
+from trocar.tools.commission.window import Window
 from trocar.tools.output.errors import Problem
+
+
+def of_the_site(*sets: str) -> RigBench:
+    return RigBench(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), sets, search=[stock.find("dvrk-share")])
 
 
 @pytest.fixture
 def bench() -> RigBench:
-    made = RigBench(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")])
+    made = of_the_site()
     made.harness.run(0.5)
     assert [subject.name for subject in made.setups] == ["SUJ"] and made.subjects == ()
     return made
@@ -47,11 +53,42 @@ def test_an_emergency_stop_that_is_not_wired_to_the_setup_joints_stops_the_stage
     assert not bench.harness.record.amp_on.any()
 
 
-def test_stages_of_arms_alone_say_that_they_do_not_test_setup_joints(bench: RigBench, tmp_path: Path) -> None:
-    for stage, what in ((currents, "current offsets of its boards are not measured"), (brakes, "are not tested")):
-        (note,) = stage.run(bench, tmp_path).notes
-        assert note.startswith("SUJ: ") and what in note
+def test_the_stage_of_brakes_says_that_it_does_not_test_setup_joints(bench: RigBench, tmp_path: Path) -> None:
+    (note,) = brakes.run(bench, tmp_path).notes
+    assert note.startswith("SUJ: ") and "are not tested" in note
     assert bench.person.confirmed == []
+
+
+def test_current_offsets_of_setup_joints_are_found_and_written(tmp_path: Path) -> None:
+    command, measured = [0.031, -0.012, 0.02, 0.0], [-0.007, 0.04, 0.001, -0.03]
+    hidden = {"command_current": command, "measured_current": measured}
+    bench = of_the_site(*(f"emulation.robots.SUJ.{key}={values}" for key, values in hidden.items()))
+    assert currents.run(bench, tmp_path).problems == [] and bench.person.confirmed == ["SUJ"]
+    assert not bench.harness.record.amp_on.any() and not bench.harness.record.powered.any()
+    (file,) = tmp_path.iterdir()
+    was, now = (read_source(path)[0] for path in (Path(bench.setups[0].robot.source), file))
+    assert was is not None and now is not None
+    (old,), (new,) = ([each for each in source.data["robots"] if each["name"] == "SUJ"] for source in (was, now))
+    for k, (before, after) in enumerate(zip(old["actuators"], new["actuators"], strict=True)):
+        before, after = before["drive"], after["drive"]
+        scale = before["current_to_bits"]["scale"]
+        found_c = (before["current_to_bits"]["offset"] - after["current_to_bits"]["offset"]) / scale
+        found_a = before["bits_to_current"]["offset"] - after["bits_to_current"]["offset"]
+        assert (found_a, found_c) == pytest.approx((measured[k], command[k]), abs=1e-3)
+
+
+def test_a_clutch_pressed_while_current_offsets_are_measured_writes_nothing(
+        bench: RigBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sample = bench.sample
+
+    def pressed(io: str, seconds: float) -> Window:
+        window = sample(io, seconds)
+        window.fields["current_request"] = window.fields["current_request"] + 2.2 * window.fields["amp_on"]
+        return window
+
+    monkeypatch.setattr(bench, "sample", pressed)
+    assert "2.200 A were requested" in str(currents.run(bench, tmp_path).problems[0])
+    assert list(tmp_path.iterdir()) == [] and not bench.harness.record.amp_on.any()
 
 
 def test_a_supply_of_the_setup_joints_that_does_not_come_up_stops_the_stage(bench: RigBench) -> None:
