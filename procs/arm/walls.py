@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from trocar.procs.arm.reports import REPORT_NS, ArmReports
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.document.walls import ARMS, BASE, FRAMES, HOLD, PARTS, REFERENCE, SHAPES, SIDES, SIZES, Wall
 from trocar.procs.kinematics.poses import Array, pose_from_matrix
+from trocar.procs.kinematics.walls.recorded import recorded_walls
 from trocar.procs.kinematics.walls.walls import MOST, SLOWING_S, ArmWalls, objection_to, pose_of
 from trocar.procs.native.library import native
 from trocar.procs.node.inputs import Fields
@@ -381,15 +382,5 @@ def wall_of(text: str, values: Array) -> Wall:
 
 def _added_before(field: Fields, arm: ArmConfig) -> list[KeptWall]:
     """Walls that commands added, from the record of the previous process; none if there was none."""
-    found = []
-    for place in range(min(int(field("count").item()), MOST)):
-        if not field("by_command")[place]:
-            continue
-        texts: dict[str, Any] = {name: bytes(field(name)[place]).rstrip(b"\0").decode(errors="replace")
-                                 for name in ("name", "shape", "keep", "of", "frame")}
-        pose, size = field("pose")[place].tolist(), field("size")[place].tolist()
-        wall = Wall(**texts, position=tuple(pose[:3]), orientation=tuple(pose[3:]),
-                    size=tuple(size[: SIZES.get(texts["shape"], 0)]), margin=float(field("margin")[place]))
-        if wall.shape in SHAPES and not objection_to(wall, arm.type):
-            found.append(KeptWall(wall, pose_of(wall), by_command=True))
-    return found
+    return [KeptWall(row.wall, pose_of(row.wall), by_command=True) for row in recorded_walls(field)
+            if row.by_command and not objection_to(row.wall, arm.type)]

@@ -36,6 +36,7 @@ from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.views import Stamps
 from trocar.procs.document.arms import ArmConfig, Mesh
 from trocar.procs.foxglove.channels import pose_of, rotation_of, timestamp
+from trocar.procs.foxglove.walls import DrawnWalls
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import carrying
 from trocar.procs.kinematics.poses import pose_from_matrix, product, turned
@@ -82,6 +83,11 @@ class DrawnArm:
         self.names = [f"{self.arm.name}_{name}" for name in self.chain.names]
         return True
 
+    @property
+    def reference(self) -> str:
+        """The frame of its poses; "": it is not known."""
+        return str(plain(self._reference.item())) if bool(self._known) else ""
+
     def frames(self, stamps: Stamps) -> list[FrameTransform]:
         """The frames known now; an unmeasured instrument joint is shown at 0."""
         if not self._ring.newest() or not bool(self._valid):
@@ -90,8 +96,8 @@ class DrawnArm:
         positions: list[float] = self._position[: int(self._count[()])].tolist()
         positions += [0.0] * (self.chain.n - len(positions))
         found, parent, when = [], f"{name}_base", timestamp(ns)
-        reference = str(plain(self._reference.item()))
-        if bool(self._known) and reference and reference != parent:
+        reference = self.reference
+        if reference and reference != parent:
             x, y, z, *turn = self._base.tolist()
             found.append(FrameTransform(timestamp=when, parent_frame_id=reference, child_frame_id=parent,
                                         translation=Vector3(x=x, y=y, z=z), rotation=rotation_of(turn)))
@@ -169,6 +175,7 @@ class RobotScene:
         self._frames, self._scene = FrameTransformsChannel(FRAMES), SceneUpdateChannel(SCENE)
         self._arms = [DrawnArm(arm, reads(arm.name, "state"), COLOURS[place % len(COLOURS)])
                       for place, arm in enumerate(arms)]
+        self._walls = [DrawnWalls(arm.arm.name, reads(arm.arm.name, "walls")) for arm in self._arms]
         self._is_drawn = False
 
     def listens(self, name: str) -> None:
@@ -182,12 +189,17 @@ class RobotScene:
             self._is_drawn = False
             return
         changed = [arm.look() for arm in self._arms]
-        if any(changed) or not self._is_drawn:
+        is_new = any(changed) or not self._is_drawn
+        if is_new:
             self._is_drawn = True
             gone = [SceneEntityDeletion(type=SceneEntityDeletionType.All)]
             self._scene.log(SceneUpdate(deletions=gone,
                                         entities=[entity for arm in self._arms for entity in arm.entities()]),
                             log_time=now_ns)
+        walls = [each.look(arm.reference, again=is_new) for each, arm in zip(self._walls, self._arms, strict=True)]
+        made, gone = ([row for rows in part for row in rows] for part in zip(*walls, strict=True))
+        if made or gone:
+            self._scene.log(SceneUpdate(deletions=gone, entities=made), log_time=now_ns)
 
     def step(self, stamps: Stamps, now_ns: int) -> None:
         """Where all are now."""

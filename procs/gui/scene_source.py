@@ -17,6 +17,7 @@ from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import carrying, inverse_carrying
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import given_pose, inverse, matrix_from_pose, pose_from_matrix
+from trocar.procs.kinematics.walls.recorded import recorded_walls
 from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
@@ -113,6 +114,31 @@ class SceneArm:
         q = np.nan_to_num(self._cells["position"][:n])
         found = joint_velocity(self.kinematics, q, twist, None if in_tip else self._base[:3, :3])
         return slowed(found, ARM_TYPES[self._arm.type].moves.velocity)
+
+    def close(self) -> None:
+        """Unmap."""
+        self._reader.close()
+
+
+class SceneWalls:
+    """The walls of one arm."""
+
+    def __init__(self, system: str, arm: str) -> None:
+        """Attach; SegmentError when its record cannot be read."""
+        self._reader = directory.reader(system, arm, "walls", "arm", often=False)
+        self._sequence, self._shown = 0, dict[str, Any]()
+
+    def read(self) -> dict[str, Any]:
+        """`walls`: shape, side, pose in its frame, size, and how near the setpoint is; `at`: the one that stops it."""
+        if self._reader.newest() and self._reader.sequence != self._sequence:
+            self._sequence = self._reader.sequence
+            stopped = self._reader.field("stopped_by").item().decode(errors="replace")
+            self._shown = {"at": stopped, "walls": [
+                {"name": row.wall.name, "shape": row.wall.shape, "keep": row.wall.keep, "frame": row.wall.frame,
+                 "pose": [*row.wall.position, *row.wall.orientation], "size": row.wall.size,
+                 "near": row.nearness}
+                for row in recorded_walls(self._reader.field)]}
+        return self._shown
 
     def close(self) -> None:
         """Unmap."""
@@ -236,9 +262,11 @@ class SceneSource:
 
     def __init__(self, document: SystemConfig) -> None:
         self._arms: dict[str, SceneArm] = {}
+        self._walls: dict[str, SceneWalls] = {}
         for arm in document.arms:
             with contextlib.suppress(SegmentError):
                 self._arms[arm.name] = SceneArm(document, arm)
+                self._walls[arm.name] = SceneWalls(document.name, arm.name)
         self._carts: dict[str, SceneCart] = {}
         for cart in document.carts:
             with contextlib.suppress(SegmentError):
@@ -248,17 +276,18 @@ class SceneSource:
             self._shown = ShownPose(document)
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """`arms`, and `carts` with their setup arms, by name; `shown`: the pose that a program shows."""
+        """`arms`, their `walls`, and `carts` with their setup arms, by name; `shown`: the pose that a program shows."""
         return {"age": 0.0, "arms": {name: arm.read(now_ns) for name, arm in self._arms.items()},
+                "walls": {name: walls.read() for name, walls in self._walls.items()},
                 "carts": {name: cart.read(now_ns) for name, cart in self._carts.items()},
                 "shown": self._shown.read(now_ns, self._arms) if self._shown is not None else None}
 
     def close(self) -> None:
         """Unmap."""
-        for arm in self._arms.values():
-            arm.close()
-        for cart in self._carts.values():
-            cart.close()
+        opened: tuple[SceneArm | SceneWalls | SceneCart, ...] = (
+            *self._arms.values(), *self._walls.values(), *self._carts.values())
+        for each in opened:
+            each.close()
         if self._shown is not None:
             self._shown.close()
 

@@ -67,6 +67,11 @@ def test_the_demo_is_powered_homed_and_seen_in_a_browser(robot: Robot) -> None:
         assert page.js(COLOURS) > 60, "an empty picture"
         assert page.js("return Object.values(document.querySelector('.stage').stage.models)"
                        ".every((model) => model.size > 6 && model.group.visible)")
+        walls = "Object.values(document.querySelector('.stage').stage.models.PSM1.walls.drawn)"
+        robot.trocar("send", "PSM1", "add_wall", "0", "0", "-0.3", "0", "0", "0", "1", "table plane")
+        page.until(f"{walls}.length === 1 && {walls}[0].name === 'table' && {walls}[0].position.z === -0.3")
+        robot.trocar("send", "PSM1", "remove_wall", "table")
+        page.until(f"{walls}.length === 0")
         page.find("body").send_keys(Keys.CONTROL, "o")  # from any page, and this one has no control any more
         page.until("document.querySelector('#power-off').dataset.outcome === 'done'")
         page.open()

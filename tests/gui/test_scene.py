@@ -177,6 +177,34 @@ def test_a_pose_that_a_program_shows_is_drawn_while_the_system_says_so(full: Sys
         remove_all(world.name)
 
 
+def test_walls_of_an_arm_are_where_its_record_has_them_and_light_up_when_it_is_near(
+        full: SystemConfig, world: World) -> None:
+    document = dataclasses.replace(full, name=world.name)
+    memory.create_all(document)
+    try:
+        with (closing(directory.writer(world.name, "PSM1", "walls", "arm")) as record,
+              closing(SceneSource(document)) as scene):
+            assert scene.read(1)["walls"]["PSM1"] == {}, "nothing was published yet"
+            rows = ((b"table", b"plane", 0.005, True), (b"arms", b"arms", 0.001, True), (b"far", b"sphere", 0.5, True),
+                    (b"off", b"sphere", np.nan, False), (b"beyond", b"sphere", -0.001, True))
+            record.field("count")[...] = len(rows)
+            for place, row in enumerate(rows):
+                for name, value in zip(("name", "shape", "distance", "active"), row, strict=True):
+                    record.field(name)[place] = value
+                record.field("frame")[place] = b"base"
+                record.field("pose")[place] = (0.0, 0.0, -0.1, 0.0, 0.0, 0.0, 1.0)
+                record.field("size")[place, 0] = 0.02
+            record.field("stopped_by")[...] = b"beyond"
+            record.publish(1)
+            shown = scene.read(1)["walls"]["PSM1"]
+            assert shown["at"] == "beyond" and scene.read(1)["walls"]["PSM2"] == {}
+            assert {row["name"]: row["near"] for row in shown["walls"]} == {
+                "table": pytest.approx(0.75), "far": 0.0, "off": None, "beyond": 1.0}, "other arms are drawn already"
+            assert shown["walls"][1]["size"] == (0.02,) and shown["walls"][0]["pose"][2] == -0.1
+    finally:
+        remove_all(world.name)
+
+
 def test_a_setup_arm_begins_where_its_cart_holds_it(full: SystemConfig) -> None:
     for arm in full.carts[0].arms:
         assert arm.chain is not None and arm.world is not None

@@ -176,6 +176,34 @@ def test_meshes_of_a_checkout_of_the_model_are_drawn_in_frames_that_move_with_th
     client.close()
 
 
+def test_walls_are_drawn_as_long_as_the_arm_has_them(served: tuple[Robot, int]) -> None:
+    robot, client = served[0], FoxgloveClient(served[1])
+    client.listen("/scene")
+    shapes = {"plane": (), "box": (0.1, 0.2, 0.3), "sphere": (0.02,), "cylinder": (0.02, 0.1), "cone": (0.5,),
+              "capsule": (0.02, 0.1)}
+    for shape, size in shapes.items():
+        keep = " in" if shape == "cone" else ""
+        robot.trocar("send", "PSM1", "add_wall", *map(str, (0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0, *size)),
+                     f"{shape} {shape} {'reference' if shape == 'box' else ''}{keep}")
+    drawn: dict[str, Any] = {}
+    while len(drawn) < len(shapes):
+        drawn |= {row.id: row for row in client.next("/scene").entities if "/wall/" in row.id}
+    made = {shape: drawn[f"PSM1/wall/{shape}"] for shape in shapes}
+    assert all(row.frame_id == "PSM1_base" for row in made.values())
+    (box,), (ball,), (cone,) = made["box"].cubes, made["sphere"].spheres, made["cone"].cylinders
+    assert (box.size.x, box.size.y, box.size.z, box.pose.position.z) == (0.1, 0.2, 0.3, 0.5)
+    assert ball.size.x == pytest.approx(0.04) and cone.bottom_scale == 0.0
+    assert cone.size.x / 2.0 / cone.size.z == pytest.approx(np.tan(0.5)), "opens from its apex"
+    assert cone.pose.position.z - cone.size.z / 2.0 == pytest.approx(0.5)
+    assert len(made["capsule"].spheres) == 2 and made["plane"].cubes
+    for shape in shapes:
+        robot.trocar("send", "PSM1", "remove_wall", shape)
+    left = set(drawn)
+    while left:
+        left -= {row.id for row in client.next("/scene").deletions}
+    client.close()
+
+
 def test_only_what_a_client_listens_to_is_requested(served: tuple[Robot, int]) -> None:
     robot, client = served[0], FoxgloveClient(served[1])
     page = ControlPage(robot.name, "PSM1")

@@ -2,6 +2,7 @@
 import { data, hasControl, note, onTick, say } from "./live.js";
 import { OrbitControls } from "./three/OrbitControls.js";
 import * as THREE from "./three/three.module.min.js";
+import { WallModels } from "./walls.js";
 
 const COLOURS = { PSM: ["#4f9cf0", "#3fbf8f", "#b98cf0", "#5cc6d0"], MTM: ["#e8a33d", "#d9793f"], ECM: ["#e36a8d"] };
 const GREY = "#8a939c";
@@ -293,6 +294,8 @@ class Stage {
       }
       model.label = Object.assign(document.createElement("span"), { textContent: name });
       this.names.append(model.label);
+      model.walls = new WallModels();
+      model.group.add(model.walls.group);
       this.scene.add(model.group);
       this.models[name] = model;
       if (this.only) {
@@ -324,7 +327,7 @@ class Stage {
   refresh() {
     const found = data("scene")?.arms;
     if (!found) return;
-    const { carts, shown } = data("scene");
+    const { carts, shown, walls } = data("scene");
     if (!this.only) this.carts(carts);
     this.ask(shown);
     let apart = 0;
@@ -332,7 +335,9 @@ class Stage {
       const arm = found[name];
       if (!arm) continue;
       model.show(arm);
-      const label = arm.late ? `${name}: ${arm.age} s old` : name;
+      const at = walls?.[name]?.at;
+      if (arm.frames.length) model.walls.show(walls?.[name] ?? {}, arm.frames, this.models);
+      const label = arm.late ? `${name}: ${arm.age} s old` : at ? `${name}: at wall ${at}` : name;
       if (model.label.textContent !== label) model.label.textContent = label;
       const parent = this.only ? null : this.models[arm.frame];
       if (parent && parent !== model) {
