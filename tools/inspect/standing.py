@@ -63,6 +63,8 @@ class Standing:
     """In FAULT: since when (monotonic); 0: no longer known."""
     holds_up: bool = False
     """A teleoperation that does not follow for a reason that is neither silence nor its operator."""
+    at_wall: bool = False
+    """The reason is a wall that keeps an arm from its goal: no problem, and nothing to wait for."""
     age_s: float | None = None
     """Its process is gone: age of this state, s."""
 
@@ -132,9 +134,9 @@ def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     reason = in_full(system, process.name, _text(reader, "reason"))
     shown = state if inner == state else f"{state} {inner}"
     events = _events(system, process) if state == FAULT else None
-    reason = reason or _at_wall(system, process)
-    return Standing(process.name, process.kind, shown, _flag(reader, "is_homed"), reason, "trocar send" in reason,
-                    fault=_last_error(events), since_ns=_fault_ns(events))
+    wall = "" if reason else _at_wall(system, process)
+    return Standing(process.name, process.kind, shown, _flag(reader, "is_homed"), reason or wall,
+                    "trocar send" in reason, fault=_last_error(events), since_ns=_fault_ns(events), at_wall=bool(wall))
 
 
 def _at_wall(system: str, process: ProcessStatus) -> str:
@@ -271,7 +273,7 @@ def _waiting(_: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
 def _on_its_way(_: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     """An arm changes its state, or waits for a condition."""
     return next((f"wait for {one.name}: {', '.join(filter(None, (one.state, one.reason)))}" for one in found
-                 if one.kind in ARMS and (one.reason or one.is_between)), "")
+                 if one.kind in ARMS and ((one.reason and not one.at_wall) or one.is_between)), "")
 
 
 def _not_following(_: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:

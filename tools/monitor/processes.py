@@ -91,7 +91,7 @@ def standing_details(one: Standing) -> list[str]:
     """The reported error behind a FAULT, and the remedy."""
     lines = [f"{one.name} ({one.kind}): {one.state}"]
     if one.reason:
-        lines.append(f"{'why' if one.is_fault else 'waiting'}: {one.reason.removeprefix('waiting: ')}")
+        lines.append(f"{'why' if one.is_fault or one.at_wall else 'waiting'}: {one.reason.removeprefix('waiting: ')}")
     fault = one.fault
     if fault is not None:
         where = [f"axis {fault['axis']}" if int(fault["axis"]) >= 0 else "",
