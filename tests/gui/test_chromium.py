@@ -98,7 +98,7 @@ def test_the_console_is_killed_and_the_page_comes_back(robot: Robot, records: Re
         page.until(f"getComputedStyle({stage}).filter.includes('grayscale')")
         assert "not connected" in page.find(".bar").text
         page.until("document.body.dataset.connection === 'live' && document.body.dataset.control === 'none'", 60)
-        assert "the connection was interrupted" in page.find("#control-lost").text
+        assert "Control lost: " in page.find("#control-lost").text
         page.open("/plots#PSM1/state.position[0]")
         kept = "document.querySelector('.plots').plots.signals()[0].t"
         page.until(f"{kept}.length > 50")
@@ -202,7 +202,7 @@ def test_power_off_stays_in_reach_while_a_dialog_is_open(robot: Robot) -> None:
             page.until("!document.querySelector('dialog[open]') && !document.querySelector('main.content').inert")
             assert page.js("return document.activeElement.id") == ("power-on" if dialog == "confirm" else "")
         page.find("#power-off").click()
-        assert page.note()
+        page.until("document.querySelector('#power-off').dataset.outcome === 'done'")
         page.js("document.querySelector('[data-opens=help]').click()")
         assert page.js("return document.querySelector('.note')") is None, "a refusal beside another question"
         assert page.value("PSM1/state.state") == "DISABLED", "Escape is no yes"

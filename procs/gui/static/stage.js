@@ -511,15 +511,11 @@ class Stage {
   }
 }
 
-// It begins with its first data: a graphics card may take its time, and the page is connected by then.
-const waiting = [...document.querySelectorAll(".stage")];
-onTick(() => {
-  if (!data("scene")) return;
-  for (const element of waiting.splice(0)) {
-    try {
-      new Stage(element).refresh();
-    } catch (error) {
-      element.textContent = `No 3D in this browser: ${error.message}`;
-    }
+// At once, before the page has control: without a graphics card this takes longer than a page may be silent.
+for (const element of document.querySelectorAll(".stage")) {
+  try {
+    new Stage(element);
+  } catch (error) {
+    element.textContent = `No 3D in this browser: ${error.message}`;
   }
-});
+}
