@@ -59,12 +59,12 @@ class Pair:
         self.bodies = {name: body_of(arms[name], self.spaces[name]) for name in self.names}
         self.bases: dict[str, Array] = {name: np.array(arms[name].base_frame or np.eye(4)) for name in self.names}
         self.host.run(0.1)
-        for word, field in (("enable", "valid"), ("home", "is_homed")):
+        for word, field, wanted in (("enable", "sub_state", b"ENABLED"), ("home", "is_homed", True)):
             for name in self.clients:
                 self.clients[name].send("state_command", (), word)
             for _ in range(60):
                 self.host.run(0.2)
-                if all(self.state(name, field) for name in self.clients):
+                if all(self.state(name, field).item() == wanted for name in self.clients):
                     break
             else:
                 raise AssertionError(f"{word}: {[self.state(name, 'reason').item() for name in self.clients]}")
@@ -290,8 +290,8 @@ def test_until_the_base_frame_of_the_other_arm_is_known_an_arm_can_hold() -> Non
 
 def test_on_boards_two_arms_meet_and_one_stays_away_from_the_other_whose_io_is_silent() -> None:
     text = Path("configs/systems/demo-hand-over.yaml").read_text()
-    made = Pair(f"{text}\n  walls:\n    - {{name: apart, shape: arms, arms: [PSM1, PSM2], margin: {APART}}}\n", "emulated",
-                "xboards")
+    wall = f"  walls:\n    - {{name: apart, shape: arms, arms: [PSM1, PSM2], margin: {APART}}}\n"
+    made = Pair(f"{text}\n{wall}", "emulated", "xboards")
     numbers = {name: made.clients[name].send("move_jp", (0.0, 0.0, 0.14, 0.0, 0.0, 0.0)) for name in made.names}
     made.host.run(4.0)
     assert -TRACKING < made.apart() < 1e-3
