@@ -57,7 +57,7 @@ class Neighbour:
         if not self.is_related:
             self.is_related = True
             self._relate(own, local)
-        before, self.why = self.why, self._follow(now_ns, own)
+        before, self.why = self.why, self._follow(now_ns, own, local)
         if before == self.why:
             return False
         self._limits.guards[self.places] = 0 if self.why else PART_BITS[self.wall.of]
@@ -97,7 +97,7 @@ class Neighbour:
             if moved is not None:
                 moved.relation[...], moved.by_tip[...] = base[:3], self._how == BY_TIP
 
-    def _follow(self, now_ns: int, own: Cartesian) -> str:
+    def _follow(self, now_ns: int, own: Cartesian, local: str) -> str:
         other, moved = self.other, self._moved
         if moved is None:
             return "" if self._pose is None else f"{other.name} has no instrument"
@@ -110,7 +110,7 @@ class Neighbour:
             return f"the joints of {other.name} are not known"
         if self._how == OWN_TIP:
             if not own.valid:
-                return "the own tip is not known"
+                return f"the tip of {local} is not known"
             np.matmul(own.tip[:3], self._base, out=moved.relation)
         if sampled_ns != self.sampled_ns or self._how == OWN_TIP:
             if moved.follow():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised
 from trocar.procs.kinematics.walls.body import THICK, ArmBody
 from trocar.procs.node.inputs import Fields, Input
 from trocar.procs.tables.arm_types import ARM_TYPES, base_name
-
 
 LOOK_NS: Final = 10_000_000
 """Instruments, and base frames that commands set, change rarely."""
@@ -69,8 +68,9 @@ class OtherArm:
         self._carry(None if ARM_TYPES[arm.type].has_endoscope else _longest(arm), is_known=False)
 
     def look(self, now_ns: int) -> bool:
-        """Read the newest record of the setup joints that carry it and, after LOOK_NS, that of its state; returns whether
-        that changes anything.
+        """Read the newest record of the setup joints that carry it and, after LOOK_NS, that of its state.
+
+        Returns whether anything has changed.
         """
         before = self.changes
         if self._setup is not None and self._setup.update(now_ns):

@@ -35,6 +35,8 @@ SHOWN_NS: Final = 33_000_000
 NEAR_S: Final = 0.02
 """A stream that was stopped by a wall has caught up when its goal is so near, in s at the largest speed."""
 WORDS: Final = (*SIDES, *PARTS, *FRAMES)
+MAX_FRAME: Final = 24
+"""Bytes: of the name of a frame in the record, from which a restarted process has the wall."""
 
 
 @dataclass(slots=True)
@@ -282,7 +284,7 @@ class Walls:
     def add(self, request: Request) -> None:
         """A wall from now on: its name, shape and other words in the text; pose, size and margin in the values."""
         wall = wall_of(request.text, request.values)
-        if not self._has_frame(wall):
+        if not self._has_frame(wall) or len(wall.frame.encode()) > MAX_FRAME:
             raise CommandRefused(f"{wall.frame}: allowed are {', '.join(WORDS)}, and the name of another PSM or ECM")
         names = {*self.names, *(each.name for each in self._arm.walls)}  # those of the file come back
         if wall.name in names:

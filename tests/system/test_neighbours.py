@@ -36,33 +36,38 @@ trocar:
     - {{name: view, shape: cone, size: [0.5], keep: in, of: tip, frame: ECM, arms: [PSM2]}}
 """
 APART, EXACT, STEP_S = 0.005, 2e-6, 0.002
+TRACKING = 1e-3
+"""m: how far the tip of an arm on emulated boards is from its setpoint, at most."""
 
 
 class Pair:
     """Two homed arms in a host."""
 
-    def __init__(self, unknown: str = "off") -> None:
+    def __init__(self, text: str, boards: str | None = None, name: str = "xapart") -> None:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "apart.yaml"
-            file.write_text(FILE.format(unknown=unknown))
-            loaded = load_system(file, name=f"xapart{unknown}", sets=["clock=paced"], search=[Path("configs")])
+            file.write_text(text)
+            loaded = load_system(file, name=name, sets=["clock=paced"], search=[Path("configs")], boards=boards)
         assert loaded.system is not None, loaded.errors
+        arms = {arm.name: arm for arm in loaded.system.arms}
         self.host = Host(loaded.system, 64)
         self.names = ("PSM1", "PSM2")
-        self.clients: dict[str, Client] = {name: self.host.client(name) for name in (*self.names, "ECM")}
+        self.clients: dict[str, Client] = {name: self.host.client(name) for name in arms}
         self.states = {name: self.host.reader(name) for name in self.clients}
         self.walls = {name: self.host.reader(name, "walls") for name in self.names}
-        self.spaces = {name: joints(loaded.system.arm(name), loaded.system.arm(name).tool) for name in self.names}
-        self.bodies = {name: body_of(loaded.system.arm(name), self.spaces[name]) for name in self.names}
-        self.bases = dict.fromkeys(self.names, np.eye(4))
+        self.spaces = {name: joints(arms[name], arms[name].tool) for name in self.names}
+        self.bodies = {name: body_of(arms[name], self.spaces[name]) for name in self.names}
+        self.bases: dict[str, Array] = {name: np.array(arms[name].base_frame or np.eye(4)) for name in self.names}
         self.host.run(0.1)
-        for name in self.clients:
-            self.clients[name].send("state_command", (), "enable")
-        self.host.run(1.0)
-        for name in self.clients:
-            self.clients[name].send("state_command", (), "home")
-        self.host.run(8.0)
-        assert all(self.state(name, "is_homed") for name in self.clients)
+        for word, field, wanted in (("enable", "sub_state", b"ENABLED"), ("home", "is_homed", True)):
+            for name in self.clients:
+                self.clients[name].send("state_command", (), word)
+            for _ in range(60):
+                self.host.run(0.2)
+                if all(self.state(name, field).item() == wanted for name in self.clients):
+                    break
+            else:
+                raise AssertionError(f"{word}: {[self.state(name, 'reason').item() for name in self.clients]}")
 
     def state(self, name: str, field: str) -> Any:
         self.states[name].newest()
@@ -108,7 +113,7 @@ class Pair:
 
 @pytest.fixture(scope="module")
 def pair() -> Iterator[Pair]:
-    made = Pair()
+    made = Pair(FILE.format(unknown="off"))
     yield made
     made.host.close()
 
@@ -267,7 +272,7 @@ def test_an_arm_whose_process_is_dead_still_counts(pair: Pair, dies: str) -> Non
 
 
 def test_until_the_base_frame_of_the_other_arm_is_known_an_arm_can_hold() -> None:
-    made = Pair("hold")
+    made = Pair(FILE.format(unknown="hold"), name="xheld")
     here = made.state("PSM1", "setpoint_position")
     answer = pushed(made, "PSM1", 0.1, 20)
     assert answer == ("done", "at wall arms (the base frame of PSM2 is not known here)")
@@ -280,4 +285,34 @@ def test_until_the_base_frame_of_the_other_arm_is_known_an_arm_can_hold() -> Non
         made.put(name, base if name == "PSM2" else np.eye(4))
     made.host.run(0.6)
     assert made.ask("PSM1", "move_jp", (0.1, 0.0, 0.12, 0.0, 0.0, 0.0), seconds=2.0)[-1][0] == "done"
+    made.host.close()
+
+
+def test_on_boards_two_arms_meet_and_one_stays_away_from_the_other_whose_io_is_silent() -> None:
+    text = Path("configs/systems/demo-hand-over.yaml").read_text()
+    wall = f"  walls:\n    - {{name: apart, shape: arms, arms: [PSM1, PSM2], margin: {APART}}}\n"
+    made = Pair(f"{text}\n{wall}", "emulated", "xboards")
+    numbers = {name: made.clients[name].send("move_jp", (0.0, 0.0, 0.14, 0.0, 0.0, 0.0)) for name in made.names}
+    made.host.run(4.0)
+    assert -TRACKING < made.apart() < 1e-3
+    for name, number in numbers.items():
+        assert [reply.outcome for reply in made.clients[name].poll() if reply.id == number] == ["accepted", "failed"]
+    begin = {name: made.state(name, "setpoint_position")[:6] for name in made.names}
+    for share in np.linspace(0.0, 1.0, 200):  # both push against each other
+        for name in made.names:
+            made.clients[name].send("servo_jp", begin[name] + share * 0.03 * np.eye(6)[2])
+        made.host.run(STEP_S)
+        assert made.apart() > -TRACKING
+    made.host.run(1.0)
+    away = (0.2, 0.1, 0.1, 0.0, 0.0, 0.0)
+    assert all(made.ask(name, "move_jp", away, seconds=3.0)[-1][0] == "done" for name in made.names), "leaving"
+    here, far = made.state("PSM1", "setpoint_position"), made.wall("PSM1", "distance")[0]
+    made.host.delay("IO2", 0.5)
+    made.host.run(0.3)
+    assert made.wall("PSM1", "distance")[0] < far - 0.2 and (made.state("PSM1", "setpoint_position") == here).all()
+    refused = made.ask("PSM1", "move_jp", (0.0, 0.0, 0.14, 0.0, 0.0, 0.0))
+    assert refused[-1][0] == "refused" and "PSM2, not measured for 0.3" in refused[-1][1]
+    assert made.ask("PSM1", "move_jp", (0.2, 0.1, 0.08, 0.0, 0.0, 0.0))[-1][0] == "accepted"
+    made.host.run(1.0)
+    assert made.wall("PSM1", "distance")[0] > 0.0, "measured again"
     made.host.close()

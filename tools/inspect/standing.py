@@ -146,7 +146,7 @@ def _at_wall(system: str, process: ProcessStatus) -> str:
         if process.kind == "arm" and reader.newest() and (at := _text(reader, "stopped_by")):
             names = [plain(name) for name in reader.field("name").tolist()]
             wall = at.partition(":")[0].partition(" (")[0]
-            far = reader.field("distance")[names.index(wall)] if wall in names else math.nan
+            far = float(reader.field("distance")[names.index(wall)]) if wall in names else math.nan
             return f"at wall {at}" + (f", {far * 1e3:.1f} mm" if math.isfinite(far) else "")
     return ""
 

@@ -10,7 +10,7 @@ from trocar.procs.config.loading.buses import SystemFiles
 from trocar.procs.config.read.problem import KeyPath
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.document.walls import ARMS, FRAMES, Wall
-from trocar.procs.kinematics.walls.walls import MOST, MAX_OTHERS, objection_to
+from trocar.procs.kinematics.walls.walls import MAX_OTHERS, MOST, objection_to
 from trocar.procs.tables.arm_types import ARM_TYPES
 
 _WALLS: Final[KeyPath] = ("trocar", "walls")
