@@ -1,4 +1,4 @@
-"""The walls of an arm as transparent shapes: orange where its setpoint is near, the denser the nearer; grey where they are off."""
+"""The walls of an arm as transparent shapes: orange and denser where its setpoint is near, grey where they are off."""
 
 from __future__ import annotations
 
