@@ -45,8 +45,8 @@ def text_of(row: Mapping[str, Any]) -> str:
         inner = "" if row["sub_state"] in (row["state"], "") else f" ({row['sub_state']})"
         who = f"{row['component']} " if row["component"] else ""
         return ", ".join([f"{who}{row['state']}{inner}", *flags])
-    value = "" if row["value"] is None else number(float(row["value"]), "g")
-    return " ".join(part for part in (str(row["component"]), str(row["text"]), value) if part)
+    value = "" if row.get("value") is None else number(float(row["value"]), "g")  # a view of states has none
+    return " ".join(part for part in (str(row["component"]), str(row.get("text", "")), value) if part)
 
 
 def in_full(system: str, instance: str, text: str) -> str:

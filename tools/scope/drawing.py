@@ -62,7 +62,7 @@ def sparkline(values: Numbers, width: int) -> str:
     low, high = float(good.min()), float(good.max())
     if high - low <= max(1e-9, abs(high) * 1e-6):
         return "".join(SPARKS[3] if math.isfinite(value) else " " for value in shown.tolist())
-    places = (shown - low) / (high - low) * (len(SPARKS) - 1)
+    places = (0.5 * shown - 0.5 * low) / (0.5 * high - 0.5 * low) * (len(SPARKS) - 1)  # halves do not overflow
     return "".join(SPARKS[round(place)] if math.isfinite(place) else " " for place in places.tolist())
 
 
@@ -76,7 +76,7 @@ def _draw(grid: NDArray[np.bool_], times: Numbers, values: Numbers, first: float
     rows, columns = grid.shape
     span = max(last - first, 1e-9)
     xs = np.clip(((times - first) / span * (columns - 1)).round(), 0, columns - 1)
-    ys = ((high - values) / (high - low) * (rows - 1))
+    ys = (0.5 * high - 0.5 * values) / (0.5 * high - 0.5 * low) * (rows - 1)  # halves do not overflow
     before: tuple[int, int] | None = None
     for x, y in zip(xs.tolist(), ys.tolist(), strict=True):
         if not math.isfinite(y):
