@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import json
 from collections import deque
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -59,6 +59,8 @@ class ConsoleService:
     """Name of the pages that this server has: a page of another name is not its own."""
     generation: Callable[[], int]
     """Number of faults of the system so far."""
+    power_off: Sequence[Any] = ()
+    """Steps of Power off: a page of other pages than these uses them, too."""
     ticks: Ticks = field(default_factory=Ticks)
     control: BrowserControl = field(default_factory=BrowserControl)
     counts: ClientCounts = field(default_factory=ClientCounts)
@@ -73,9 +75,10 @@ class ConsoleService:
 class Browser:
     """One page that is connected."""
 
-    def __init__(self, served: ConsoleService, held: HeldDown, socket: WebSocket, name: str) -> None:
-        """`name`: its address and port, which no other one has."""
-        self.name = name
+    def __init__(self, served: ConsoleService, held: HeldDown, socket: WebSocket, name: str, *,
+                 is_outdated: bool = False) -> None:
+        """`name`: its address and port, which no other one has; `is_outdated`: its pages are not those of this run."""
+        self.name, self._is_outdated = name, is_outdated
         self.wants: tuple[str, ...] = ()
         self.has_control = False
         """As last reported to the page."""
@@ -92,7 +95,7 @@ class Browser:
         self._ops: dict[str, Callable[[Message, int], None]] = {
             "want": self._want, "beat": self._beat, "control": self._control, "call": self._call,
             "preview": self._preview, "jog": self._jog}
-        self._say("hello", run=served.run, name=name, system=served.system)
+        self._say("hello", run=served.run, name=name, system=served.system, power_off=served.power_off)
 
     # -- messages from the page
 
@@ -148,17 +151,22 @@ class Browser:
         control = self._served.control
         if not asked.parts["take"]:
             control.drop(self.name)
+        elif self._is_outdated:
+            raise WrongMessage("this page is outdated: load it again")
         elif (holder := control.take(self.name, now_ns, over=asked.parts["over"])) != self.name:
             raise WrongMessage(f"{holder} has control")
 
     def _call(self, asked: Message, now_ns: int) -> None:
         served, parts = self._served, asked.parts
+        since = parts["since"]
         to, command, values, text = parts["to"], parts["command"], list(parts["values"]), parts["text"]
         owner = self._calls.owner(to)
         row = owner.rows.get(command)
         only_stops = row is not None and row.is_stop(text, values)  # any page may stop something, without control
         is_held = row is not None and row.stream
         seen = None if only_stops else self._seen(asked, now_ns, HELD_LATE_NS if is_held else LATE_NS)
+        if since and seen is not None:  # a step of what was pressed then; a fault has come meanwhile, perhaps
+            seen = min(seen, served.ticks.generation(since))
         self._calls.send(asked.id, to, command, values, text, seen)
         served.counts.commands += 1
         self._held.note(self.name, to, command, values, text)
@@ -256,9 +264,9 @@ class Browsers:
         self.all: set[Browser] = set()
         self._held = HeldDown(served.calls())
 
-    def come(self, socket: WebSocket, peer: str) -> Browser:
-        """A page connects."""
-        browser = Browser(self.served, self._held, socket, peer)
+    def come(self, socket: WebSocket, peer: str, run: str = "") -> Browser:
+        """A page connects; `run`: the name of its pages, if it gives one."""
+        browser = Browser(self.served, self._held, socket, peer, is_outdated=run not in ("", self.served.run))
         self.all.add(browser)
         return browser
 

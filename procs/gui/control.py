@@ -65,10 +65,14 @@ class Ticks:
     def __init__(self) -> None:
         self.number = 0
         self._sent: dict[int, Tick] = {}
+        self._changes: list[tuple[int, int]] = []
+        """Number of the tick, and the generation, at each change of it."""
 
     def add(self, now_ns: int, generation: int) -> int:
         """A new tick is sent; returns its number."""
         self.number += 1
+        if not self._changes or generation != self._changes[-1][1]:
+            self._changes = [*self._changes[-KEPT:], (self.number, generation)]
         self._sent[self.number] = Tick(now_ns, generation)
         self._sent.pop(self.number - KEPT, None)
         return self.number
@@ -76,3 +80,7 @@ class Ticks:
     def heard(self, number: int) -> Tick | None:
         """The tick that a page reports as received; None for an unknown or too old one."""
         return self._sent.get(number)
+
+    def generation(self, number: int) -> int:
+        """Of the tick of this number, however old it is; 0, that of the oldest, for an unknown one."""
+        return next((generation for first, generation in reversed(self._changes) if first <= number <= self.number), 0)

@@ -22,6 +22,7 @@ from trocar.procs.gui.browsers import Browsers, ConsoleService
 from trocar.procs.gui.catalogue import sources_of
 from trocar.procs.gui.gate import Gate
 from trocar.procs.gui.pages.application import application, name_of, texts_of_pages
+from trocar.procs.gui.pages.frame import power_off
 from trocar.procs.gui.scene_source import ArmModels
 from trocar.procs.machine.access import tls_of, token_in
 from trocar.procs.machine.paths import token_file
@@ -53,7 +54,7 @@ class GuiLoop(ServingLoop):
         sources, models = node.hold(sources_of(document)), node.hold(ArmModels(document))
         self._browsers = node.hold(Browsers(ConsoleService(
             document.name, owners_of(document), sources, node.pauses.is_over, models, name_of(texts),
-            node.faults().generation)))
+            node.faults().generation, power_off(document))))
         token, tls = token_in(console.token_file or _made_token(document)), tls_of(console)
         pages = application(document, texts, self._live, node.log)
         self._server = _Server(uvicorn.Config(
@@ -76,7 +77,7 @@ class GuiLoop(ServingLoop):
             await page.close(1013, f"{len(self._browsers.all)} pages are open already (trocar.gui.max_clients): "
                                    "close one; until then nothing works here, not even Power off")
             return
-        browser = self._browsers.come(page, f"{client.host} port {client.port}")
+        browser = self._browsers.come(page, f"{client.host} port {client.port}", page.query_params.get("run", ""))
         sending = asyncio.create_task(browser.deliver())
         try:
             with suppress(WebSocketDisconnect, RuntimeError):  # also where we have closed it

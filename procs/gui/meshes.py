@@ -6,7 +6,9 @@ A file from outside is never parsed in this process, which carries the commands 
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import logging
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,6 +30,13 @@ def mesh_files(document: SystemConfig) -> list[str]:
     """The files of all arms; pages and requests name one by its number in this list."""
     return list(dict.fromkeys(mesh.file for arm in document.arms for row in arm.meshes for mesh in row.meshes
                               if mesh.file.lower().endswith(READ)))
+
+
+def version_of(files: Iterable[str]) -> str:
+    """Part of the address of meshes: another one when a file has changed."""
+    found = [(file, path.stat().st_mtime_ns, path.stat().st_size) if (path := Path(file)).exists() else file
+             for file in files]
+    return hashlib.sha256(repr(found).encode()).hexdigest()[:16]
 
 
 def drawn_parts(arm: ArmConfig, files: list[str]) -> list[dict[str, Any]]:

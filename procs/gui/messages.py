@@ -26,6 +26,8 @@ def _count(value: Any) -> Any:
 
 TICK: Final = MessagePart("the number of a tick", _count, 0)
 """The newest tick that the page has received; without it a request counts as old."""
+SINCE: Final = MessagePart("the number of a tick", _count, 0)
+"""The tick at which a person pressed for a sequence of which this is a step; 0: just now."""
 OPS: Final[Ops] = {
     "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
     "beat": {"tick": TICK},
@@ -33,5 +35,6 @@ OPS: Final[Ops] = {
     "preview": {"arm": WORD, "position": SOME_NUMBERS, "pose": SOME_NUMBERS},
     "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": replace(FLAG, default=False),
             "tick": TICK},
-    "call": {"to": WORD, "command": WORD, "values": VALUES, "text": NO_WORD, "tick": TICK},
+    "call": {"to": WORD, "command": WORD, "values": VALUES, "text": NO_WORD, "tick": TICK,
+             "since": SINCE},
 }

@@ -17,6 +17,7 @@ from trocar.procs.document.system import from_json
 from trocar.procs.gui import browsers
 from trocar.procs.gui.browsers import PENDING, Browser, Browsers, ConsoleService
 from trocar.procs.gui.catalogue import sources_of
+from trocar.procs.gui.control import KEPT
 from trocar.procs.gui.scene_source import ArmModels
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.generations import FaultCell, Faults
@@ -24,6 +25,9 @@ from trocar.shm.mailbox.mailbox import Mailbox
 from trocar.shm.mailbox.mailbox_map import create_mailbox
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
+
+
+OFF = [[["PSM1", "state_command", [], "disable"]]]
 
 
 class FakePage:
@@ -53,7 +57,7 @@ class Console:
         self.faults = Faults(scripted.name, write=True)
         self.owners = owners_of(document)
         self.all = Browsers(ConsoleService(scripted.name, self.owners, self.sources, lambda: self.is_over,
-                                            self.models, "r", self.faults.generation))
+                                            self.models, "r", self.faults.generation, OFF))
         self.control = self.all.served.control
         self._tasks: list[asyncio.Task[None]] = []
         self.made = 0
@@ -317,6 +321,49 @@ def test_what_was_wished_before_a_fault_is_said_to_be_from_before(world: World) 
             given.append(command.origin.generation >= arm.valid_from)
             console.robot.mailbox.reply(command, 3, "")
         assert given == [False, False, False, True]
+
+    play(world.name, story)
+
+
+def test_a_step_of_a_sequence_is_not_done_after_a_fault_that_came_after_the_press(world: World) -> None:
+    async def story(console: Console) -> None:
+        arm = FaultCell(console.faults, "PSM1")
+        browser, _ = console.page()
+        arm.fault()
+        await console.tick()
+        pressed = console.all.served.ticks.number
+        for _ in range(2 * KEPT):  # far more than the ticks that are kept: a slow arm is being powered
+            await console.tick()
+        browser.handle('{"op": "control", "take": true}')
+
+        async def valid(since: int) -> bool:
+            await console.tick()
+            home = {"op": "call", "to": "PSM1", "command": "state_command", "text": "home", "id": 1, "since": since}
+            browser.handle(json.dumps({**home, "tick": console.all.served.ticks.number}))
+            (command,) = console.robot.mailbox.drain()
+            console.robot.mailbox.reply(command, 3, "")
+            return bool(command.origin.generation >= arm.valid_from)
+
+        assert await valid(pressed)
+        arm.fault()
+        assert [await valid(since) for since in (pressed, 10**6, 0)] == [False, False, True]
+
+    play(world.name, story)
+
+
+def test_a_page_of_other_pages_than_these_takes_no_control_but_may_power_off_what_there_is(world: World) -> None:
+    async def story(console: Console) -> None:
+        console.robot.show_arm(0.1, "ENABLED")
+        page = FakePage()
+        browser = console.all.come(page, "old page", "other pages")
+        delivering = asyncio.ensure_future(browser.deliver())
+        answer = await console.ask(browser, page, "control", take=True)
+        assert answer["outcome"] == "refused" and "load it again" in answer["text"]
+        assert page.last("hello")["power_off"] == OFF
+        (((to, command, values, text),),) = OFF
+        await console.ask(browser, page, "call", to=to, command=command, values=values, text=text)
+        assert executed(console.robot) == ["state_command"]
+        delivering.cancel()
 
     play(world.name, story)
 

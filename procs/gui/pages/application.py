@@ -6,6 +6,7 @@ import hashlib
 import logging
 from collections.abc import Awaitable, Callable
 from functools import partial
+from pathlib import Path
 
 import orjson
 from starlette.applications import Starlette
@@ -70,12 +71,13 @@ def texts_of_pages(document: SystemConfig) -> dict[str, bytes]:
         with page(document, path, wants) as whole:
             content()
         found[path] = f"<!doctype html>{whole.html()}".encode()
-    return found
+    run = hashlib.sha256(b"".join(found.values())).hexdigest()[:16].encode()
+    return {path: text.replace(b"<html ", b'<html data-run="%s" ' % run, 1) for path, text in found.items()}
 
 
 def name_of(texts: dict[str, bytes]) -> str:
-    """Name of these pages: another one for a system, or a version, whose pages differ."""
-    return hashlib.sha256(b"".join(texts.values())).hexdigest()[:16]
+    """Name of these pages, which each of them has: another one for a system, or a version, whose pages differ."""
+    return texts[""].split(b'data-run="', 1)[1].split(b'"', 1)[0].decode()
 
 
 def application(document: SystemConfig, texts: dict[str, bytes], live: Callable[[WebSocket], Awaitable[None]],
@@ -84,7 +86,7 @@ def application(document: SystemConfig, texts: dict[str, bytes], live: Callable[
     routes: list[BaseRoute] = [WebSocketRoute("/live", live)]
     routes += [Route(path, Packed(text, "text/html", ONCE).answer) for path, text in texts.items() if path]
     routes.append(Route(f"{assets()}/{{name:path}}", _Assets().answer))
-    routes.append(Route(f"{MESHES}/{{number}}", MeshFiles(document, log).answer))
+    routes.append(Route(f"{MESHES}/{{version}}/{{number}}", MeshFiles(document, log).answer))
     files = PidFiles(document.name)
     for robot in with_gains(robots_of(document)):
         routes.append(Route(f"/files{robot.path('pid')}.json", partial(files.answer, robot)))
@@ -98,21 +100,19 @@ def application(document: SystemConfig, texts: dict[str, bytes], live: Callable[
     async def not_found(request: Request, _: Exception) -> Response:
         return await absent.answer(request)
 
-    return Starlette(routes=[*routes, Route(TOPICS, topics)], exception_handlers={404: not_found})
+    made = Starlette(routes=[*routes, Route(TOPICS, topics)], exception_handlers={404: not_found})
+    made.router.redirect_slashes = False
+    return made
 
 
 class _Assets:
-    """Style and scripts, each read when it is first requested."""
+    """Style and scripts, as they were at start."""
 
     def __init__(self) -> None:
-        self._read: dict[str, Packed] = {}
+        self._files = {name: Packed(text, MEDIA[Path(name).suffix], FOREVER) for name, text in asset_files().items()}
+        asset_files.cache_clear()
 
     async def answer(self, request: Request) -> Response:
         """The file of this name."""
-        name = request.path_params["name"]
-        if name not in self._read:
-            path = asset_files().get(name)
-            if path is None:
-                return Response("no such file", 404, media_type="text/plain")
-            self._read[name] = Packed(path.read_bytes(), MEDIA[path.suffix], FOREVER)
-        return await self._read[name].answer(request)
+        file = self._files.get(request.path_params["name"])
+        return Response("no such file", 404, media_type="text/plain") if file is None else await file.answer(request)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -13,15 +14,17 @@ MEDIA: Final = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg
 
 
 @cache
-def asset_files() -> dict[str, Path]:
-    """All files that pages use, by their names below `assets()`."""
-    return {str(path.relative_to(STATIC)): path for path in STATIC.rglob("*") if path.suffix in MEDIA}
+def asset_files() -> dict[str, bytes]:
+    """Contents of all files that pages use, by their names below `assets()`."""
+    return {str(path.relative_to(STATIC)): path.read_bytes() for path in sorted(STATIC.rglob("*"))
+            if path.suffix in MEDIA}
 
 
 @cache
 def assets() -> str:
-    """Address of the files."""
-    return f"/assets/{max(path.stat().st_mtime_ns for path in asset_files().values()):x}"
+    """Address of the files: a checksum of their names and contents."""
+    sums = "".join(f"{name} {hashlib.sha256(text).hexdigest()}\n" for name, text in asset_files().items())
+    return f"/assets/{hashlib.sha256(sums.encode()).hexdigest()[:16]}"
 
 
 def script(name: str) -> None:

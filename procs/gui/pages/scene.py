@@ -10,7 +10,7 @@ from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import SCENE
 from trocar.procs.gui.gate import FILES
-from trocar.procs.gui.meshes import drawn_parts, mesh_files
+from trocar.procs.gui.meshes import drawn_parts, mesh_files, version_of
 from trocar.procs.gui.pages.assets import script
 from trocar.procs.gui.pages.element import Part
 from trocar.procs.gui.pages.parts import box
@@ -24,7 +24,8 @@ def arm_scene(document: SystemConfig, only: str = "") -> None:
     script("stage.js")
     files = mesh_files(document)
     drawn = {"arms": {arm.name: _drawn(document, arm, files) for arm in document.arms if only in ("", arm.name)},
-             "only": only, "meshes": {"folder": MESHES, "names": [Path(file).name for file in files]}}
+             "only": only, "meshes": {"folder": f"{MESHES}/{version_of(files)}",
+                                      "names": [Path(file).name for file in files]}}
     with box("stage small" if only else "stage", data_drawn=json.dumps(drawn)):
         Part("canvas")
         box("names")

@@ -6,7 +6,7 @@ import { inUnits, onUnits, turnUnits, unit, units } from "./units.js";
 const sources = {}; // newest data by source
 const heard = {}; // when each source last changed, ms
 let socket = null;
-let run = "";
+const { run } = document.documentElement.dataset; // the name of the pages that this one is of
 let you = false;
 let holder = "";
 let lastTick = 0;
@@ -132,7 +132,7 @@ const WISHES = ["beat", "jog", "call"];
 export const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(WISHES.includes(message.op) ? { ...message, tick } : message));
 
 function connect() {
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live?run=${run}`);
   let isGreeted = false;
   socket.onopen = () => {
     wanted = "";
@@ -180,10 +180,10 @@ function outdated() {
 function heed(message) {
   if (message.op === "hello") {
     lastTick = performance.now();
-    if (run && run !== message.run) outdated();
-    run ||= message.run;
+    if (run !== message.run) outdated();
+    document.getElementById("power-off").dataset.steps = JSON.stringify(message.power_off); // also on an outdated page
     // A person who changes pages in one tab keeps control, unless another page has taken it meanwhile.
-    const before = Number(sessionStorage.getItem("control") || 0);
+    const before = Number((run === message.run && sessionStorage.getItem("control")) || 0);
     sessionStorage.removeItem("control");
     const since = Date.now() - before; // by the time of day, which may have been set back
     if (before && since >= 0) {
@@ -249,7 +249,7 @@ export function ask(message, told = () => {}) {
   });
 }
 
-export const call = (to, command, values, text, told) => ask({ op: "call", to, command, values: values || [], text: text || "" }, told);
+export const call = (to, command, values, text, told, since = 0) => ask({ op: "call", to, command, values: values || [], text: text || "", since }, told);
 
 export const send = (to, command, values) => say({ op: "call", to, command, values }); // of a stream, as above
 
@@ -313,10 +313,18 @@ document.addEventListener("close", ({ target }) => {
 
 const GOOD = ["done", "accepted"];
 
+let stops = 0; // how often something that stops was pressed: that ends every sequence of steps
+
 export async function perform(button, steps) {
   button.dataset.outcome = "waiting";
+  const [since, before] = [tick, stops]; // a fault after the press ends the sequence, too
   for (const step of steps) {
-    const results = await Promise.all(step.map(([to, command, values, text]) => call(to, command, values, text)));
+    if (stops !== before) {
+      button.dataset.outcome = "ended";
+      note(button, "bad", "ended: something that stops was pressed meanwhile");
+      return false;
+    }
+    const results = await Promise.all(step.map(([to, command, values, text]) => call(to, command, values, text, undefined, since)));
     const wrong = results.map(([outcome, reason], i) => [outcome, reason, step[i][0]]).filter(([outcome]) => !GOOD.includes(outcome));
     if (wrong.length) {
       button.dataset.outcome = wrong[0][0];
@@ -357,8 +365,10 @@ document.addEventListener("click", (event) => {
   if (button.id === "control") control(button);
   else if (button.id === "control-lost") (lost = ""), shown();
   else if (button.id === "reload") reloads();
-  else if (button.dataset.steps) asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
-  else if (button.dataset.view) document.querySelector(".stage").stage.look(button.dataset.view);
+  else if (button.dataset.steps) {
+    if (button.dataset.free !== undefined) stops += 1;
+    asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
+  } else if (button.dataset.view) document.querySelector(".stage").stage.look(button.dataset.view);
   else if (button.dataset.opens) opens(document.getElementById(button.dataset.opens));
   else if (button.dataset.does === "dismiss") {
     localStorage.setItem("first-steps", "closed");
@@ -467,6 +477,7 @@ document.addEventListener("change", messages);
 
 export function start() {
   theme(localStorage.getItem("theme") || (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"));
+  document.getElementById("power-off").disabled = false;
   connect();
   setInterval(() => say({ op: "beat" }), 500);
   setInterval(() => (want(), shown()), 250);
