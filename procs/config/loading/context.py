@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from trocar.procs.config.read.problem import WARNING, FileProblem, KeyPath
 from trocar.procs.config.read.search import SearchPath, search_beside
-from trocar.procs.config.read.source import SourceFile, read_source
+from trocar.procs.config.read.source import REHEARSED, SourceFile, read_source
 from trocar.procs.config.read.validate import validate
 from trocar.procs.document import system as document
 from trocar.procs.machine.paths import ADDS_FOLDER, is_folder
@@ -20,6 +20,7 @@ CALIBRATED: Final = "calibration makes it; until then, start with --calibration-
 ADDED: Final = f"{ADDS_FOLDER}, for stock files the dVRK's sawIntuitiveResearchKit/share"
 NO_FOLDER: Final = "no such folder", "a folder"
 """Of a folder on the search path: other files than those meant would be found."""
+OF_EMULATED: Final = "this file has values of the emulated robot (a rehearsal): put the arm's own file back"
 ModelType = TypeVar("ModelType", bound=BaseModel)
 Content = TypeVar("Content", covariant=True)
 Part = TypeVar("Part")
@@ -35,6 +36,7 @@ class Context:
     problems: list[FileProblem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     calibration_mode: bool = False  # values that a calibration will fix cause only warnings
+    rehearsed: str = WARNING  # severity of a file with values of the emulated robot; "": none, with emulated boards
     tools: dict[Path, document.Tool | None] = field(default_factory=dict)  # cache of tool files
     _read: dict[Path, _Reading[None]] = field(default_factory=dict)  # each file is read once
     _opened: dict[tuple[Path, type[BaseModel]], _Reading[Any]] = field(default_factory=dict)
@@ -50,6 +52,11 @@ class Context:
         """Read any file; None (and an error) when that fails."""
         if path not in self._read:
             source, problems = read_source(path)
+            if source is not None and source.has((REHEARSED,)):
+                if self.rehearsed:
+                    problems.append(source.problem((REHEARSED,), OF_EMULATED, severity=self.rehearsed,
+                                                   allowed="only with emulated boards (--boards emulated)"))
+                source = source.without(REHEARSED)
             self._read[path] = Opened(self, source, None) if source is not None else None, problems
         return self._again(self._read[path])
 
