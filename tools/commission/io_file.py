@@ -28,8 +28,8 @@ Values = Mapping[str, Mapping[Place, float]]
 KEYS: Final = {"robots": "IO_file", "arms": "arm_file"}
 """Of the system file, by the list in the named file."""
 DIGITS: Final = 9  # of the written numbers
-REHEARSED: Final = "rehearsed"
-"""In the names of files from emulated robots, which must never replace those of a real one."""
+CALIBRATED, REHEARSED = "calibrated", "rehearsed"
+"""In the names of new files: from a real robot; from an emulated one, which must never replace those of a real one."""
 OF_EMULATED: Final = "has values of the emulated robot, for this rehearsal; yours has others"
 
 
@@ -58,7 +58,7 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     _put(data, values, source, part)
     data = _marked(data) if rehearsed else data
     old, new = to_json(read.data), to_json(data)
-    path = source if write else folder / f"{source.stem}-{REHEARSED if rehearsed else 'calibrated'}.json"
+    path = source if write else folder / f"{source.stem}-{REHEARSED if rehearsed else CALIBRATED}.json"
     diff = "".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), str(source), str(path), n=0))
     saved = SavedIoFile(path, diff, [path])
     if (kept := put(path, new, lambda fresh: _check(path, fresh, source.parent))) is not None:
