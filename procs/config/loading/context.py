@@ -16,7 +16,8 @@ from trocar.procs.config.read.validate import validate
 from trocar.procs.document import system as document
 from trocar.procs.machine.paths import ADDS_FOLDER, is_folder
 
-CALIBRATED: Final = "calibration makes it; until then, start with --calibration-mode"
+MEASURES: Final = "trocar commission SYSTEM, stage %s,"
+"""The remedy for a value or a file that a stage of commissioning makes."""
 ADDED: Final = f"{ADDS_FOLDER}, for stock files the dVRK's sawIntuitiveResearchKit/share"
 NO_FOLDER: Final = "no such folder", "a folder"
 """Of a folder on the search path: other files than those meant would be found."""
@@ -127,10 +128,10 @@ class Opened(Generic[Content]):
         """Add a note, which is no mistake."""
         self.context.notes.append(text)
 
-    def find(self, inner: Where, *names: str, beside: tuple[Path, ...] = (), calibrated: bool = False) -> Path | None:
+    def find(self, inner: Where, *names: str, beside: tuple[Path, ...] = (), stage: str = "") -> Path | None:
         """Find a file by one of `names`, first in `beside` (default: this file's folder); None with an error.
 
-        `calibrated`: calibration makes the file, so that calibration mode starts without it, with a warning.
+        `stage`: that of commissioning which makes the file: calibration mode starts without it, with a warning.
         """
         where = self.context.with_folders(beside or (self.source.path.parent,))
         found = where.find(*names)
@@ -138,9 +139,10 @@ class Opened(Generic[Content]):
             nearest = where.nearest(names[0])
             hint = f" (did you mean {nearest}?)" if nearest else ""
             text = f"no file {' or '.join(names)}{hint}; looked in {where}"
-            starts = calibrated and self.context.calibration_mode
-            mode = f"; {CALIBRATED}" if calibrated and not starts else ""
-            (self.warning if starts else self.error)(inner, text, f"a file on the search path; {ADDED}{mode}")
+            starts = bool(stage) and self.context.calibration_mode
+            made = f"; {MEASURES % stage} makes it" if stage else ""
+            made += "; until then, start with --calibration-mode" if stage and not starts else ""
+            (self.warning if starts else self.error)(inner, text, f"a file on the search path; {ADDED}{made}")
         return found
 
     def open(self, model: type[ModelType], inner: Where, *names: str) -> Opened[ModelType] | None:
