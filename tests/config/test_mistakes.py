@@ -131,6 +131,7 @@ def test_uncalibrated_controllers_are_refused(home: Home) -> None:
     file.write_text("\n".join(lines))
     problem = home.error()
     assert "not calibrated" in problem.text and "calibration_mode: true" in problem.allowed
+    assert "trocar commission SYSTEM, stage currents, measures them" in problem.allowed
     assert problem.key == f"{DRIVE}.current_to_bits.offset"
     loaded = home.load(sets=["calibration_mode=true"])
     assert loaded.system is not None and loaded.errors == ()

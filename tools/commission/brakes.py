@@ -50,7 +50,10 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     outcome = Outcome()
     changes: dict[str, dict[str, dict[io_file.Place, float]]] = {}
     outcome.notes += [f"{cart.name}: the brakes of its setup arms are not tested here" for cart in bench.carts]
-    for subject in (each for each in bench.subjects if each.arm and each.robot.brakes):
+    braked = [each for each in bench.subjects if each.arm and each.robot.brakes]
+    if not braked and not bench.carts:
+        outcome.notes.append("no arm with brakes: nothing to measure")
+    for subject in braked:
         bench.person.confirm(
             f"{subject.whole()}: its amplifiers are switched on, its motors have no current, and its brakes are "
             "released one by one. An axis whose brake is released can fall: one person holds the arm and moves it only "

@@ -33,9 +33,10 @@ WAY_WITHIN: Final = 0.1
 
 def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     """One PSM after the other; changed files are written at the end, if no problem occurred."""
-    outcome = Outcome()
+    psms = [each for each in bench.subjects if each.kind == "PSM"]
+    outcome = Outcome(notes=[] if psms else ["no PSM: nothing to measure"])
     changes: dict[str, dict[str, dict[io_file.Place, float]]] = {}
-    for subject in (each for each in bench.subjects if each.kind == "PSM"):
+    for subject in psms:
         if subject.robot.potentiometers != "ANALOG":
             outcome.notes.append(f"{subject.name}: its insertion comes from its table, as in the original")
             continue

@@ -41,8 +41,9 @@ Goes = Callable[[Floats, float], Window]
 
 def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     """One master after the other; its file is written if the model predicts poses that it was not made from."""
-    outcome = Outcome()
-    for subject in (each for each in bench.subjects if each.kind == home.MASTER):
+    masters = [each for each in bench.subjects if each.kind == home.MASTER]
+    outcome = Outcome(notes=[] if masters else ["no master: gravity of other arms is in their kinematic files"])
+    for subject in masters:
         bench.person.confirm(
             f"{subject.whole()} homes and then moves through most of its workspace for several minutes, by itself. "
             "Keep 0.5 m around it clear, the other master far away, nothing on its gripper, hands off the arm, one "
@@ -52,8 +53,6 @@ def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
                 break
         finally:
             bench.disable(subject)
-    if not any(each.kind == home.MASTER for each in bench.subjects):
-        outcome.notes.append("no master: gravity of other arms is in their kinematic files")
     return outcome
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from trocar.procs.config import check_file
+from trocar.procs.config.read.source import REHEARSED as MARK
 from trocar.procs.config.read.source import read_source
 from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Outcome
@@ -27,8 +28,8 @@ Values = Mapping[str, Mapping[Place, float]]
 KEYS: Final = {"robots": "IO_file", "arms": "arm_file"}
 """Of the system file, by the list in the named file."""
 DIGITS: Final = 9  # of the written numbers
-REHEARSED: Final = "rehearsed"
-"""In the names of files from emulated robots, which must never replace those of a real one."""
+CALIBRATED, REHEARSED = "calibrated", "rehearsed"
+"""In the names of new files: from a real robot; from an emulated one, which must never replace those of a real one."""
 OF_EMULATED: Final = "has values of the emulated robot, for this rehearsal; yours has others"
 
 
@@ -55,8 +56,9 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     require_place(source, folder, write=write)
     data = copy.deepcopy(read.data)
     _put(data, values, source, part)
+    data = _marked(data) if rehearsed else data
     old, new = to_json(read.data), to_json(data)
-    path = source if write else folder / f"{source.stem}-{REHEARSED if rehearsed else 'calibrated'}.json"
+    path = source if write else folder / f"{source.stem}-{REHEARSED if rehearsed else CALIBRATED}.json"
     diff = "".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), str(source), str(path), n=0))
     saved = SavedIoFile(path, diff, [path])
     if (kept := put(path, new, lambda fresh: _check(path, fresh, source.parent))) is not None:
@@ -96,6 +98,7 @@ def save_new(bench: RunningBench, outcome: Outcome, path: Path, content: Mapping
     """
     rehearsed = bench.document.emulation is not None
     path = path.with_stem(f"{path.stem}-{REHEARSED}") if rehearsed else path
+    content = _marked(content) if rehearsed else content
     kept = put(path, json.dumps(content), lambda fresh: _check(path, fresh, beside.parent))
     outcome.files += [path, kept] if kept else [path]
     note = f"{path} is {what}"
@@ -119,6 +122,11 @@ def texts_of(source: str, part: str, key: str) -> dict[str, str]:
         raise Problem(f"{source} can no longer be read: {problems[0]}")
     data: dict[str, Any] = read.data
     return {str(row.get("name")): str(row.get(key, "")) for row in data.get(part, [])}
+
+
+def _marked(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content with the mark by which real boards refuse it, under any name."""
+    return {MARK: True, **content}
 
 
 def _put(data: dict[str, Any], values: Values, source: Path, part: str) -> None:

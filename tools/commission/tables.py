@@ -24,8 +24,9 @@ LOOK_S: Final = 0.01
 
 def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     """One arm after the other, until the first problem; with `write`, the table is put beside the IO file."""
-    outcome = Outcome()
-    for subject in (each for each in bench.subjects if each.arm and each.robot.potentiometers == "DIGITAL"):
+    digital = [each for each in bench.subjects if each.arm and each.robot.potentiometers == "DIGITAL"]
+    outcome = Outcome(notes=[] if digital else ["no arm with digital potentiometers: none needs a table"])
+    for subject in digital:
         if subject.robot.lookup:
             outcome.notes.append(f"{subject.name}: it has its table; rename that file to make it again")
             continue

@@ -21,9 +21,10 @@ from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.system_time import WALL
 from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.io_file import CALIBRATED, REHEARSED
 from trocar.tools.commission.person import AtTerminal, Declined, Person
 from trocar.tools.commission.person_sim import AtBoards
-from trocar.tools.commission.report import CommissionReport, fingerprint
+from trocar.tools.commission.report import CommissionReport, Try, fingerprint
 from trocar.tools.commission.stages import NAMES, STAGES, CommissionStage
 from trocar.tools.commission.subject import carts_of, setup_subject, subjects_of
 from trocar.tools.output.errors import Misuse, Problem
@@ -119,8 +120,7 @@ def commission(
     try:
         return _go(job, book, files, _due(job, book, files, stage), as_json)
     except KeyboardInterrupt:
-        note("stopped by Ctrl-C; everything is off")
-        return 1
+        raise KeyboardInterrupt("; everything is off; the same command resumes with the interrupted stage") from None
 
 
 def _check(job: Job, yes: bool) -> None:
@@ -194,44 +194,60 @@ def _list(book: CommissionReport, boards: str, files: str, as_json: bool) -> int
 
 def _due(job: Job, book: CommissionReport, files: str, wanted: str) -> list[CommissionStage]:
     """Stages to run: one stage again, or all after the last that passed; none that needs values which are missing."""
-    left = [row for row in STAGES if not book.passed(row.name, job.boards, files)]
+    left = _left(job, book, files)
     due = list(STAGES[STAGES.index(left[0]):]) if left else []
     if wanted:
         due = [STAGES[NAMES.index(wanted)]]
         if left and STAGES.index(left[0]) < STAGES.index(due[0]):
             raise Problem(f"stage {wanted} comes after {left[0].name}, which has not passed with these files; without "
                           "--stage it continues there")
-    for what, stage in _lacks(job):
+    for what, stage in _lacks(job, book, files):
         if due and not (due := [row for row in due if row in STAGES[: NAMES.index(stage) + 1]]):
             raise Problem(what)
     return due
 
 
-def _lacks(job: Job) -> list[tuple[str, str]]:
+def _left(job: Job, book: CommissionReport, files: str) -> list[CommissionStage]:
+    """The stages that have not passed."""
+    return [row for row in STAGES if not book.passed(row.name, job.boards, files)]
+
+
+def _lacks(job: Job, book: CommissionReport, files: str) -> list[tuple[str, str]]:
     """Values without which no motor or brake may be driven, with the remedy, and the last stage that needs none.
 
     Setup joints alone wait for no value of an arm.
     """
     found: list[tuple[str, str]] = []
+
+    def use(stage: str, name: str = "") -> str:
+        put = _put_in_place(job, book, book.last(stage, job.boards, files), name)
+        return f"{put} (--stage {stage} repeats stage {stage})"
+
     document = job.document
     are_arms = not job.arms or bool(subjects_of(document, job.arms))
-    for robot in (subject.robot for subject in subjects_of(document) if subject.arm and are_arms):
+    arms = [subject.robot for subject in subjects_of(document) if subject.arm and are_arms]
+    for robot in (*arms, *(setup_subject(document, cart).robot for cart in carts_of(document, job.arms))):
         if _has_nominal_offsets(robot):
-            found.append((f"{robot.name}: {NOMINAL}: {_use('currents')}", "currents"))
-        if _has_no_table(robot):
-            found.append((f"{robot.name}: its potentiometers still have no table: {_use('tables')}", "tables"))
-    for robot in (setup_subject(document, cart).robot for cart in carts_of(document, job.arms)):
-        if _has_nominal_offsets(robot):
-            found.append((f"{robot.name}: {NOMINAL}: no stage measures those of setup joints, calibrate them with the "
-                          "dVRK's own program (--arm NAME commissions an arm without them)", "currents"))
+            found.append((f"{robot.name}: {NOMINAL}: {use('currents', Path(robot.source).stem)}", "currents"))
+    for robot in filter(_has_no_table, arms):
+        found.append((f"{robot.name}: its potentiometers have no table: {use('tables', robot.serial)}", "tables"))
     if are_arms and is_calibrating(document):  # potentiometers are not compared with encoders: no joint controller
         found.append(("these files still lack calibrated values, and no arm homes in calibration mode: "
-                      + _use("calibrate"), "calibrate"))
+                      + use("calibrate"), "calibrate"))
     return found
 
 
-def _use(stage: str) -> str:
-    return f"use the file that stage {stage} has written (--stage {stage} repeats it)"
+def _put_in_place(job: Job, book: CommissionReport, tried: Try | None, name: str = "") -> str:
+    """What to do with the new files of a stage whose names contain `name`."""
+    sources = {Path(robot.source).stem: Path(robot.source).name for io in job.document.ios for robot in io.robots}
+    rows = []
+    for made in (book.path.parent / file for file in (tried.made if tried else ()) if name in file):
+        place = made.stem.removesuffix(f"-{REHEARSED}").removesuffix(f"-{CALIBRATED}")
+        if made.suffix == ".json":  # else it is the old content
+            rows.append(f"{made} " + ("in its place" if place == made.stem else
+                                      f"in the place of {sources.get(place, f'{place}.json')}"))
+    where = "in a copy of the folder, " if job.boards == "emulated" else ""
+    return f"{where}put {' and '.join(rows) or 'the new files in the place of the old ones'}"
 
 
 def _has_nominal_offsets(robot: Robot) -> bool:
@@ -266,11 +282,14 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                 _tell_stop(row, job, book, () if as_json else tried.problems)
                 return 1
             note(f"{row.name} passed")
-            goes_on = row is not due[-1] or _lacks(job)
-            if row.writes and outcome.figures and goes_on and (after := _new_files(job)):
+            goes_on = row is not due[-1] or _lacks(job, book, files)
+            if row.writes and outcome.figures and goes_on and (after := _new_files(job, book, tried)):
                 note(after)
                 return 0
-    note(f"all done: {book.path}")
+    if left := _left(job, book, files):
+        note(f"stage {due[-1].name} passed; next: {left[0].name} (the command without --stage); {book.path}")
+    else:
+        note(f"all done: {book.path}")
     return 0
 
 
@@ -285,15 +304,15 @@ def _tell_stop(row: CommissionStage, job: Job, book: CommissionReport, problems:
          f"--system {job.request.system} the messages; fix it and run the same command again")
 
 
-def _new_files(job: Job) -> str:
+def _new_files(job: Job, book: CommissionReport, tried: Try) -> str:
     """What to do with the files that a stage has written before the next stage; empty: nothing."""
     if job.write:
         return "the files have changed: run the same command again, it resumes with them"
     if job.boards == "emulated" and not is_calibrating(job.document):
         return ""  # a rehearsal continues with the robot's own files
-    return ("to rehearse the rest: put the new file into a copy of these files, under the name of the missing or old "
-            "one, and run the command there; never use it on the robot" if job.boards == "emulated" else
-            "use the new file as described above, then run the same command again: it resumes with it")
+    put = _put_in_place(job, book, tried)
+    return (f"to rehearse the rest: {put}, and run the same command there; real boards refuse such files"
+            if job.boards == "emulated" else f"{put}, then run the same command again: it resumes with it")
 
 
 def _tried(row: CommissionStage, job: Job, bench: RunningBench | None, folder: Path) -> Outcome:

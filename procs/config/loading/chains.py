@@ -71,7 +71,7 @@ def measured_weight(opened: Opened[ArmFile], arms: Collection[str] = (), serial:
     `arms`, `serial`: names and serial number of the master, if known, for a warning if the file is another's.
     """
     name = opened.content.gravity_compensation if isinstance(opened.content, MtmFile) else ""
-    path = opened.find("gravity_compensation", name, calibrated=True) if name else None
+    path = opened.find("gravity_compensation", name, stage="gravity") if name else None
     measured = opened.context.open(GravityFile, path)
     return check_gravity(measured, arms, serial) if measured is not None else None
 

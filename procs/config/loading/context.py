@@ -11,15 +11,17 @@ from pydantic import BaseModel
 
 from trocar.procs.config.read.problem import WARNING, FileProblem, KeyPath
 from trocar.procs.config.read.search import SearchPath, search_beside
-from trocar.procs.config.read.source import SourceFile, read_source
+from trocar.procs.config.read.source import REHEARSED, SourceFile, read_source
 from trocar.procs.config.read.validate import validate
 from trocar.procs.document import system as document
 from trocar.procs.machine.paths import ADDS_FOLDER, is_folder
 
-CALIBRATED: Final = "calibration makes it; until then, start with --calibration-mode"
+MEASURES: Final = "trocar commission SYSTEM, stage %s,"
+"""The remedy for a value or a file that a stage of commissioning makes."""
 ADDED: Final = f"{ADDS_FOLDER}, for stock files the dVRK's sawIntuitiveResearchKit/share"
 NO_FOLDER: Final = "no such folder", "a folder"
 """Of a folder on the search path: other files than those meant would be found."""
+OF_EMULATED: Final = "this file has values of the emulated robot (a rehearsal): put the arm's own file back"
 ModelType = TypeVar("ModelType", bound=BaseModel)
 Content = TypeVar("Content", covariant=True)
 Part = TypeVar("Part")
@@ -35,6 +37,7 @@ class Context:
     problems: list[FileProblem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     calibration_mode: bool = False  # values that a calibration will fix cause only warnings
+    rehearsed: str = WARNING  # severity of a file with values of the emulated robot; "": none, with emulated boards
     tools: dict[Path, document.Tool | None] = field(default_factory=dict)  # cache of tool files
     _read: dict[Path, _Reading[None]] = field(default_factory=dict)  # each file is read once
     _opened: dict[tuple[Path, type[BaseModel]], _Reading[Any]] = field(default_factory=dict)
@@ -50,6 +53,11 @@ class Context:
         """Read any file; None (and an error) when that fails."""
         if path not in self._read:
             source, problems = read_source(path)
+            if source is not None and source.has((REHEARSED,)):
+                if self.rehearsed:
+                    problems.append(source.problem((REHEARSED,), OF_EMULATED, severity=self.rehearsed,
+                                                   allowed="only with emulated boards (--boards emulated)"))
+                source = source.without(REHEARSED)
             self._read[path] = Opened(self, source, None) if source is not None else None, problems
         return self._again(self._read[path])
 
@@ -120,10 +128,10 @@ class Opened(Generic[Content]):
         """Add a note, which is no mistake."""
         self.context.notes.append(text)
 
-    def find(self, inner: Where, *names: str, beside: tuple[Path, ...] = (), calibrated: bool = False) -> Path | None:
+    def find(self, inner: Where, *names: str, beside: tuple[Path, ...] = (), stage: str = "") -> Path | None:
         """Find a file by one of `names`, first in `beside` (default: this file's folder); None with an error.
 
-        `calibrated`: calibration makes the file, so that calibration mode starts without it, with a warning.
+        `stage`: that of commissioning which makes the file: calibration mode starts without it, with a warning.
         """
         where = self.context.with_folders(beside or (self.source.path.parent,))
         found = where.find(*names)
@@ -131,9 +139,10 @@ class Opened(Generic[Content]):
             nearest = where.nearest(names[0])
             hint = f" (did you mean {nearest}?)" if nearest else ""
             text = f"no file {' or '.join(names)}{hint}; looked in {where}"
-            starts = calibrated and self.context.calibration_mode
-            mode = f"; {CALIBRATED}" if calibrated and not starts else ""
-            (self.warning if starts else self.error)(inner, text, f"a file on the search path; {ADDED}{mode}")
+            starts = bool(stage) and self.context.calibration_mode
+            made = f"; {MEASURES % stage} makes it" if stage else ""
+            made += "; until then, start with --calibration-mode" if stage and not starts else ""
+            (self.warning if starts else self.error)(inner, text, f"a file on the search path; {ADDED}{made}")
         return found
 
     def open(self, model: type[ModelType], inner: Where, *names: str) -> Opened[ModelType] | None:

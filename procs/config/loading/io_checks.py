@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from trocar.procs.config.loading.context import Opened
+from trocar.procs.config.loading.context import MEASURES, Opened
 from trocar.procs.config.models.io_file import IoFile, RobotKeys
 from trocar.procs.config.read.quantities import check_range, check_tolerance
 from trocar.procs.document.system import Actuator, Brake, DigitalInput, DigitalOutput, InstrumentReader
@@ -129,12 +129,12 @@ def _check_calibration(robot: Robot) -> None:
     if are_nominal([actuator.current_to_bits.offset for actuator in content.actuators]):
         text = f"robot {content.name} is not calibrated: its {len(content.actuators)} current offsets are all equal"
         report(("actuators", 0, "drive", "current_to_bits", "offset"), text,
-               f"offsets measured by the current calibration{mode}")
+               f"offsets of these controllers: {MEASURES % 'currents'} measures them{mode}")
     if len(content.actuators) == 1:
         pot = content.actuators[0].potentiometer
         if pot and pot.voltage_to_position.scale == 0.0 and pot.voltage_to_position.offset == 0.0:
             report(("actuators", 0, "potentiometer", "voltage_to_position"), "the potentiometer is not calibrated",
-                   f"scale or offset other than 0{mode}")
+                   f"scale or offset other than 0: {MEASURES % 'calibrate'} measures them{mode}")
 
 
 def _check_potentiometers(robot: Robot) -> None:

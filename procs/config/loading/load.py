@@ -127,6 +127,7 @@ def _opened(
         options = at_free_defaults(context, content, options, free)
     system = SystemFiles(context, source, content, options, (boards or options.boards) == "emulated")
     context.search = _with_settings(system)
+    context.rehearsed = "" if system.emulated else ERROR
     context.calibration_mode = options.calibration_mode
     if options.calibration_mode:
         system.note("calibration mode: potentiometers are not compared with encoders")

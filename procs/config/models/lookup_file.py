@@ -37,7 +37,7 @@ def load_tables(opened: Opened[IoFile]) -> Tables:
             robot.error(key, "this key is required for DIGITAL potentiometers", "a file")
             continue
         path = robot.find(key, pots.lookup_table_file, beside=(*map(expanded, robot.content.path), beside),
-                          calibrated=True)
+                          stage="tables")
         table = _table(robot, key, path) if path is not None else ""
         if table:
             tables[opened.source.path, robot.key] = table

@@ -8,6 +8,7 @@ import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from trocar.procs.config.read.jsontext import Parsed, TextError, parse_json
 from trocar.procs.config.read.problem import WARNING, FileProblem, KeyPath, key_text, value_text
@@ -20,6 +21,8 @@ _KEPT = 50_000  # characters; larger texts are not kept in memory
 _OTHER = {stat.S_IFIFO: "a named pipe", stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device",
           stat.S_IFBLK: "a device"}
 _MISSING = object()
+REHEARSED: Final = "_rehearsed"
+"""Key of files that a rehearsal of commissioning has written; the dVRK ignores it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +54,11 @@ class SourceFile:
         data = {here.get(key, key): value for key, value in self.data.items()}
         lines = {(here.get(str(key[0]), key[0]), *key[1:]) if key else key: line for key, line in self.lines.items()}
         return SourceFile(self.path, data, lines, self.overrides)
+
+    def without(self, name: str) -> SourceFile:
+        """The file without a top-level key."""
+        data = {key: value for key, value in self.data.items() if key != name}
+        return SourceFile(self.path, data, self.lines, self.overrides)
 
     def problem(self, key: KeyPath, text: str, *, allowed: str = "", severity: str = "error") -> FileProblem:
         """A finding at `key`, with the nearest known line."""

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from tests.tools.commission.harness import RigBench
-from trocar.procs.config import PROJECT_CONFIGS, check_file
+from trocar.procs.config import PROJECT_CONFIGS, check_file, load_system
 from trocar.procs.config.read.source import read_source
 from trocar.tools.commission import calibrate, io_file
+from trocar.tools.commission.finding import Outcome
 from trocar.tools.commission.picture import SIDES, picture
 from trocar.tools.converters import to_json
+from trocar.tools.new_arm.verb import new_arm
 from trocar.tools.output.errors import Problem
 
 IO_FILE = PROJECT_CONFIGS / "io" / "PSM1-demo.yaml"
@@ -34,7 +36,7 @@ def test_offsets_that_are_wrong_are_found_and_written_into_a_new_file(tmp_path: 
     assert IO_FILE.read_bytes() == before
     made = tmp_path / "PSM1-demo-rehearsed.json"
     assert outcome.files == [made]
-    assert not check_file(made).problems
+    assert [problem.key for problem in check_file(made).problems] == ["_rehearsed"]
     was, now = _pots(IO_FILE), _pots(made)
     assert [row["scale"] for row in now] == pytest.approx([row["scale"] for row in was], rel=5e-3)
     change = np.array([b["offset"] - a["offset"] for a, b in zip(was, now, strict=True)])
@@ -130,6 +132,27 @@ def test_a_rehearsal_leaves_calibrated_files_of_the_robot_alone(site_file: Path)
     rehearsed = io_file.save(site_file, {"PSM1": io_file.line_of(1, -0.6, 1.0)}, site_file.parent, write=False,
                              rehearsed=True)
     assert real.read_bytes() == before and rehearsed.path != real and "rehearsed" in rehearsed.path.name
+
+
+def test_real_boards_refuse_rehearsed_files_under_any_name(tmp_path: Path) -> None:
+    new_arm(name="PSM1", generation="Si", serial="23456", to=tmp_path)
+    system, io = tmp_path / "system-PSM1.json", tmp_path / "sawRobotIO1394-PSM1-23456.json"
+    table = tmp_path / f"{io.stem}-PotentiometerLookupTable.json"
+    bench = RigBench(system, sets=["calibration_mode=true"])
+    rows = {"lookup": [{"from": -1.0, "to": 1.0}] * 7, "serial": "23456"}
+    io_file.save_new(bench, Outcome(), table, rows, "the table of PSM1", io)
+    table.with_stem(f"{table.stem}-rehearsed").replace(table)
+    values: io_file.Values = {"PSM1": {("brakes", 0, "released_current"): 0.1}}
+    io_file.save_all(bench, Outcome(), {str(io): values}, tmp_path, write=False)
+    io.with_stem(f"{io.stem}-rehearsed").replace(io)
+    assert not [problem for problem in check_file(table).problems if problem.severity == "error"]
+    emulated = load_system(system, boards="emulated")
+    assert emulated.system is not None and not [each for each in emulated.warnings if "_rehearsed" in str(each)]
+    for sets in ((), ("calibration_mode=true",)):
+        refused = load_system(system, boards="real", sets=sets)
+        assert [Path(each.file) for each in refused.errors] == [io, table]
+        assert all("values of the emulated robot (a rehearsal): put the arm's own file back" in each.text
+                   for each in refused.errors)
 
 
 def test_the_zero_position_is_shown_and_drawn_while_it_is_asked_for(

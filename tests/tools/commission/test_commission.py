@@ -125,7 +125,8 @@ def test_a_rerun_goes_on_at_the_stage_that_stopped(kinematic) -> None:
 
 def test_one_stage_can_be_repeated_but_none_left_out(kinematic) -> None:
     assert "stage axis comes after scan, which has not passed" in _run("--stage", "axis").output
-    assert _run("--stage", "scan").exit_code == 0
+    first = _run("--stage", "scan")
+    assert first.exit_code == 0 and "stage scan passed; next: read" in first.output and "all done" not in first.output
     assert ran == ["scan"]
     assert _run("--stage", "scan").exit_code == 0
     assert len(_tries()) == 2
@@ -162,12 +163,16 @@ def test_an_arm_whose_currents_are_not_calibrated_starts_and_gets_no_further_tha
     file, text = tmp_path / "io" / "PSM1-demo.yaml", (PROJECT_CONFIGS / "io" / "PSM1-demo.yaml").read_text()
     nominal = re.sub(r"(current_to_bits: .*offset: )[^}]*", r"\g<1>32768.0", text)
     file.write_text(nominal)
+    made = tmp_path / "PSM1-demo-rehearsed.json"
+    kinematic["currents"] = Outcome(figures={"amperes": 0.0}, files=[made])
     first = _run()
     assert first.exit_code == 0 and ran == ["scan", "read", "power", "currents"]
     assert verb.is_calibrating(jobs[-1].document) and verb.CALIBRATING in jobs[-1].request.sets
-    assert "never use it on the robot" in " ".join(first.output.split())  # it has values of the emulated one
+    put = f"in a copy of the folder, put {made.name} in the place of PSM1-demo.yaml"
+    assert f"to rehearse the rest: {put}, and run the same command there" in " ".join(first.output.split())
     refused = _run()
-    assert refused.exit_code == 1 and "nominal current offsets" in refused.output
+    assert refused.exit_code == 1
+    assert f"nominal current offsets: {put} (--stage currents repeats" in " ".join(refused.output.split())
     file.write_text(text)
     assert _run().exit_code == 0 and tuple(ran) == NAMES
     assert not verb.is_calibrating(jobs[-1].document)
@@ -298,8 +303,9 @@ def test_an_interrupted_try_is_recorded(kinematic, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(verb, "_tried", interrupted)
     ended = _run()
-    assert ended.exit_code == 1
-    assert "stopped by Ctrl-C; everything is off" in ended.output
+    assert ended.exit_code == 130
+    assert "stopped by Ctrl-C; everything is off; the same command resumes with the interrupted stage" in \
+        " ".join(ended.output.split())
     (tried,) = json.loads(Path("commission-demo.json").read_text())["tries"]
     assert not tried["passed"] and "interrupted" in tried["problems"][0]
 
@@ -337,9 +343,11 @@ def test_setup_joints_alone_wait_for_no_value_of_an_arm_but_for_those_of_their_b
     assert [subject.name for subject in subjects_of(both)] == ["PSM1"] and not subjects_of(both, ["SUJ"])
     assert [cart.name for cart in carts_of(both)] == ["SUJ"] == [cart.name for cart in carts_of(both, ["SUJ"])]
     assert not carts_of(both, ["PSM1"]) and not carts_of(demo)
+    book = verb.CommissionReport(tmp_path / "book.json", DEMO.name)
 
     def lacks(*arms: str) -> list[str]:
-        return [stage for _, stage in verb._lacks(verb.Job(StartRequest(DEMO, "x"), both, list(arms), None, False))]
+        job = verb.Job(StartRequest(DEMO, "x"), both, list(arms), None, False)
+        return [stage for _, stage in verb._lacks(job, book, "")]
 
     assert "calibrate" in lacks() and "calibrate" in lacks("PSM1") and lacks("SUJ") == []
     (place,) = (place for io in both.ios for place in io.places if place.robot.name == "SUJ")
@@ -350,9 +358,8 @@ def test_setup_joints_alone_wait_for_no_value_of_an_arm_but_for_those_of_their_b
                                                             for robot in io.robots)) for io in both.ios))
     assert lacks("SUJ") == ["currents"] and "currents" not in lacks("PSM1")
     job = verb.Job(StartRequest(DEMO, "x"), both, ["SUJ"], None, False)
-    book = verb.CommissionReport(tmp_path / "book.json", DEMO.name)
     assert [row.name for row in verb._due(job, book, "", "")] == ["scan", "read", "power", "currents"]
     for stage in NAMES[:4]:
         book.add(stage, Outcome(), 1.0, "real", "")
-    with pytest.raises(Problem, match=r"SUJ: .* nominal current offsets: no stage measures those of setup joints"):
+    with pytest.raises(Problem, match=r"SUJ: .* nominal current offsets: put the new files in the place"):
         verb._due(replace(job, document=replace(both, emulation=None)), book, "", "")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 from tests.tools.commission.harness import RigBench
 from trocar.procs.config import PROJECT_CONFIGS
 from trocar.procs.config.read.source import read_source
-from trocar.tools.commission import depth
+from trocar.tools.commission import brakes, depth, tables
 from trocar.tools.commission.person import Act, Put
 from trocar.tools.commission.subject import Subject
 
@@ -85,4 +84,10 @@ def test_other_arms_and_psms_without_an_instrument_are_left_out(tmp_path: Path) 
     bench = RigBench("demo.yaml")
     bench.person.says = False
     assert "left out" in depth.run(bench, tmp_path).notes[0] and list(tmp_path.iterdir()) == []
-    assert json.dumps(depth.run(RigBench("demo-ecm.yaml"), tmp_path).figures) == "{}"
+
+
+def test_stages_for_parts_that_no_arm_has_say_so(tmp_path: Path) -> None:
+    psm = RigBench("demo.yaml")
+    for outcome in (tables.run(psm, tmp_path), brakes.run(psm, tmp_path),
+                    depth.run(RigBench("demo-ecm.yaml"), tmp_path)):
+        assert not outcome.figures and outcome.notes[0].startswith("no ")
