@@ -26,7 +26,6 @@ from trocar.shm.mailbox.mailbox_map import create_mailbox
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 
-
 OFF = [[["PSM1", "state_command", [], "disable"]]]
 
 
