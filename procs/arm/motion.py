@@ -281,8 +281,8 @@ class Motion:
             self.settled = False
         if not self.settled and self.mode is POSITION:
             self.settled = not self.governor.step(passed_ns, has_feed=self.has_velocity)
-            if self.drifting and self.governor.clipped:
-                self.target[self._arm] = self.goal[self._arm]
+            if self.governor.clipped and (self.drifting or now_ns - self._served_ns >= STREAM_NS):
+                self.target[self._arm] = self.goal[self._arm]  # not there later by itself, when the wall has gone
 
     def _drift(self, passed_ns: int) -> None:
         target, velocity = self.target, self.feed_velocity

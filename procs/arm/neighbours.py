@@ -41,7 +41,9 @@ class Neighbour:
         self._body: ArmBody | None = None
         self._how, self._base, self._changes = FIXED, np.eye(4), -1
         self.sampled_ns = 0
-        self._speed, self._known = 0.0, False
+        self._speed, self._known, self._has_moved = 0.0, False, False
+        self.grown = 0.0
+        """m: how much larger than they should be."""
         self.places = slice(first, first)
         self.is_related = False
         """How the bases of both arms are related is known, and has not changed."""
@@ -75,6 +77,7 @@ class Neighbour:
         self._moved = MovedWalls(other.space.kinematics, other.body, other.to_joint, other.position, other.biased,
                                  other.age_ns)
         self._moved.fill(limits.frames[self.places], limits.size[self.places], self._pose)
+        limits.group[self.places] = self._first if self._pose is None else -1
         n = other.space.count
         self._speed = float(other.space.servo_speed[:n] @ other.body.reach)
         self._grow(0)
@@ -93,7 +96,7 @@ class Neighbour:
             self._how, base = OWN_TIP, theirs[local]
         self._known = base is not None
         if base is not None:
-            self._base = base
+            self._base, self._has_moved = base, True
             if moved is not None:
                 moved.relation[...], moved.by_tip[...] = base[:3], self._how == BY_TIP
 
@@ -112,9 +115,9 @@ class Neighbour:
             if not own.valid:
                 return f"the tip of {local} is not known"
             np.matmul(own.tip[:3], self._base, out=moved.relation)
-        if sampled_ns != self.sampled_ns or self._how == OWN_TIP:
+        if sampled_ns != self.sampled_ns or self._how == OWN_TIP or self._has_moved:
             if moved.follow():
-                self.sampled_ns = sampled_ns
+                self.sampled_ns, self._has_moved = sampled_ns, False
             elif not self.sampled_ns:
                 return f"the joints of {other.name} are not known"
         age_ns = abs(now_ns - self.sampled_ns)
@@ -129,8 +132,8 @@ class Neighbour:
 
     def _grow(self, age_ns: int) -> None:
         """An arm that was not measured for a while may have moved."""
-        grown = min(self._speed * age_ns * 1e-9, LARGEST)
-        self._limits.margin[self.places] = self.wall.margin + grown
+        self.grown = min(self._speed * max(age_ns - LATE_NS, 0) * 1e-9, LARGEST)
+        self._limits.margin[self.places] = self.wall.margin + self.grown
         self.late = f", not measured for {age_ns * 1e-9:.2f} s" if age_ns else ""
 
 

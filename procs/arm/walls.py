@@ -253,8 +253,13 @@ class Walls:
         if limits is None or not self.guards:
             return
         limits.goal[...], limits.rates[...] = position[:n], velocity[:n]
+        late = [row for row in self._neighbours.rows if row.late]
+        for row in late:  # where an arm may be, but need not, there is no spring: it would push this arm away
+            limits.margin[row.places] -= row.grown
         if limits.push():
             effort[:n] += limits.efforts
+        for row in late:
+            limits.margin[row.places] += row.grown
 
     def _name_of(self, pair: int) -> str:
         """The wall of a pair plus 1, and the other arm that it is; 0: ""."""

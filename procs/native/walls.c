@@ -163,6 +163,20 @@ static void slope_of(const Walls *k, int64_t s, const Nearest *pair, double (*fr
   }
 }
 
+/* A segment that is inside another arm may be as near to any segment of it as to the nearest: `least` (w, s). */
+static void grouped(const Walls *k, double *least) {
+  int64_t end;
+  for (int64_t w = 0; w < k->w; w = end) {
+    for (end = w + 1; end < k->w && k->group[w] >= 0 && k->group[end] == k->group[w]; end++) {}
+    if (k->group[w] < 0) continue;
+    for (int64_t s = 0; s < k->s; s++) {
+      double nearest = 0.0;
+      for (int64_t i = w; i < end; i++) nearest = least_of(nearest, least[k->s * i + s]);
+      for (int64_t i = w; nearest < 0.0 && i < end; i++) least[k->s * i + s] = least_of(least[k->s * i + s], nearest);
+    }
+  }
+}
+
 /* The first pair that comes nearer than `least` (w, s) on the straight way between joints, plus 1; 0: none. It is seen at
    `share` of the way; at `passed` of it there was none. `first`: what is found at its beginning, if that is known. */
 static int64_t blocked(const Walls *k, const double *from, const double *to, const double *least, double samples,
@@ -178,7 +192,8 @@ static int64_t blocked(const Walls *k, const double *from, const double *to, con
     if (!first || at > 0.0) look_at(k, q, k->near, frames, points, found);
     for (int64_t i = 0; i < k->w * k->s; i++) {
       double spare = (first && at == 0.0 ? first : found)[i].value - least[i];
-      if (!(spare >= -k->tiny)) {
+      double slack = least[i] < 0.0 && k->group[i / k->s] >= 0 ? k->along * way : 0.0;
+      if (!(spare >= -(k->tiny + at * slack))) {
         *share = at;
         return i + 1;
       }
@@ -259,6 +274,7 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
     double value = found[i].value;
     least[i] = value <= 0.0 ? value : is_step && value < k->near ? value * (1.0 - share * k->pace[i / k->s]) : 0.0;
   }
+  grouped(k, least);
   why = blocked(k, k->before, k->goal, least, samples, found, k->share, &at);
   if (!why) return 0;
   for (int64_t i = 0; i < n; i++) {
@@ -318,6 +334,7 @@ int64_t Walls_way(const Walls *k) {
   Nearest found[k->w * k->s];
   look_at(k, k->before, k->near, frames, points, found);
   for (int64_t i = 0; i < k->w * k->s; i++) least[i] = least_of(found[i].value, 0.0);
+  grouped(k, least);
   double at;
   return blocked(k, k->before, k->goal, least, k->samples, found, k->share, &at);
 }
@@ -331,6 +348,16 @@ int64_t Walls_look(const Walls *k) {
   return 0;
 }
 
+/* Whether a pair is the nearest of those of its segment with one other arm. */
+static int is_nearest(const Walls *k, const Nearest *found, int64_t pair) {
+  for (int64_t w = 0; w < k->w && k->group[pair / k->s] >= 0; w++) {
+    int64_t other = k->s * w + pair % k->s;
+    if (k->group[w] != k->group[pair / k->s]) continue;
+    if (found[other].value < found[pair].value || (found[other].value == found[pair].value && other < pair)) return 0;
+  }
+  return 1;
+}
+
 /* The efforts of springs and dampers before walls, for joints `goal` that move at `rates`; returns whether there are any. */
 int64_t Walls_push(const Walls *k) {
   double frames[k->n][12], points[k->p][3], slope[k->n];
@@ -339,7 +366,7 @@ int64_t Walls_push(const Walls *k) {
   memset(k->efforts, 0, sizeof slope);
   look_at(k, k->goal, k->zone, frames, points, found);
   for (int64_t i = 0; i < k->w * k->s; i++) {
-    if (!(found[i].value < k->zone)) continue;
+    if (!(found[i].value < k->zone) || !is_nearest(k, found, i)) continue;
     slope_of(k, i % k->s, found + i, frames, points, slope);
     double force = k->spring * (k->zone - found[i].value) - k->damper * dot(slope, k->rates, k->n);
     force = most_of(least_of(force, k->largest), 0.0);

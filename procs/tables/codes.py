@@ -261,7 +261,7 @@ CLUTCH_RELEASED: Final = Code(
     "clutch again if you still need it")
 CLUTCH_STUCK: Final = Code(
     "clutch-stuck", WARNING, "io, suj", "a button of the setup joints was already pressed when they were powered "
-    "or their process started; it has no effect until it is released",
+    "or their process started; it has no effect until released",
     "release the button; if it is not pressed, check it and its cable")
 MULTIPLEXER_CHANNEL: Final = Code(
     "multiplexer-channel", WARNING, "suj", "the interface board reports a channel other than the requested one",

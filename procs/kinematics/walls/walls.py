@@ -76,6 +76,8 @@ class ArmWalls:
     OVER = 1.0 + 1e-6
     SPARE = 2.0
     """A way that is so many times shorter than the distance from all walls need not be looked at."""
+    ALONG = 1e-3
+    """Share of a way that leads deeper along another arm, and still counts as one along it."""
     APEX = shapes.APEX
     ZONE, SPRING, DAMPER, LARGEST = 0.01, 500.0, 20.0, 10.0
     """Before a wall in effort mode: m, N/m, N·s/m, N."""
@@ -101,6 +103,8 @@ class ArmWalls:
         """The share of the usual slowing: of two arms that approach each other, each uses half of the room."""
         self.pace[MOST:] = 0.5
         self.kind[MOST:] = SHAPES.index(CAPSULE)
+        self.group = np.full(self.w, -1, dtype=np.int64)
+        """Of the segments of one other arm: a number; -1: a wall by itself."""
         self.value, self.share = np.full((self.w, self.s), np.inf), np.zeros(1)
         self.keep: Callable[[float, int], int]
         self.way: Callable[[], int]
@@ -134,7 +138,8 @@ class ArmWalls:
         """Fill `efforts` with those of springs and dampers before walls, for joints `goal` that move at `rates`."""
         view = _View(self, self.goal, self.ZONE)
         self.efforts[...] = 0.0
-        pairs = np.flatnonzero(view.values < self.ZONE).tolist()
+        pairs = [pair for pair in np.flatnonzero(view.values < self.ZONE).tolist()
+                 if self._is_nearest(view.values, pair)]
         for pair in pairs:
             slope = view.slope(pair)
             force = self.SPRING * (self.ZONE - view.values.flat[pair]) - self.DAMPER * float(slope @ self.rates)
@@ -146,7 +151,7 @@ class ArmWalls:
         plus 1, and in `share` how far along it is.
         """
         view = _View(self, self.before)
-        return self._blocked(self.goal, np.minimum(view.values, 0.0), self.samples, view)[0]
+        return self._blocked(self.goal, self._grouped(np.minimum(view.values, 0.0)), self.samples, view)[0]
 
     def by_numpy_keep(self, share: float, is_step: int) -> int:
         """Change `goal` to the nearest joints that are allowed; returns the pair that prevents more, plus 1, 0: none.
@@ -157,7 +162,7 @@ class ArmWalls:
         value = view.values
         slower = value * (1.0 - share * self.pace[:, None])
         slowed = np.where(value < self.NEAR, slower, 0.0) if is_step else 0.0
-        least = np.where(value <= 0.0, value, slowed)
+        least = self._grouped(np.where(value <= 0.0, value, slowed))
         samples = 0.25 * self.samples
         why, _ = self._blocked(self.goal, least, samples, view)
         if not why:
@@ -185,6 +190,22 @@ class ArmWalls:
         self.goal[...] = self.before + free * (x - self.before) if stopped and free < 1.0 else x
         return why
 
+    def _is_nearest(self, values: Array, pair: int) -> bool:
+        """Whether a pair is the nearest of those of its segment with one other arm."""
+        wall, segment = divmod(pair, self.s)
+        group = self.group[wall]
+        return group < 0 or int(np.where(self.group == group, values[:, segment], np.inf).argmin()) == wall
+
+    def _grouped(self, least: Array) -> Array:
+        """A segment that is too near to another arm already may be as near to any segment of it as to the nearest, so
+        that it may leave along the other arm.
+        """
+        for group in set(self.group[self.group >= 0].tolist()):
+            rows = self.group == group
+            nearest = least[rows].min(axis=0)
+            least[rows] = np.where(nearest < 0.0, np.minimum(least[rows], nearest), least[rows])
+        return least
+
     def _bounds(self, view: _View, x: Array, least: Array, low: Array, high: Array
                 ) -> tuple[list[Array], list[float], list[int]]:
         """Rows (m,) and their bounds for walls that are near and for limits of joints; the pair of each, -1: none."""
@@ -208,11 +229,12 @@ class ArmWalls:
         change, free = to - self.before, 0.0
         way, at = float(np.abs(change) @ self.body.reach), 0.0
         grain = max(self.GRAIN, way / samples)
+        slack = np.where((least < 0.0) & (self.group[:, None] >= 0), self.ALONG * way, 0.0)
         while True:
             view = first if first is not None and at == 0.0 else None
             view = view or _View(self, self.before + at * change if at < 1.0 else to)
             spare = view.values - least
-            found = np.flatnonzero(~(spare >= -self.TINY))
+            found = np.flatnonzero(~(spare >= -(self.TINY + at * slack)))
             if len(found):
                 (self.share if share is None else share)[0] = at
                 return int(found[0]) + 1, free
