@@ -14,7 +14,7 @@ from tests.arm.arm_configs import EYE, fixed_arm
 from tests.arm.fake_io import ArmHarness, Record
 from tests.arm.test_ecm import ecm
 from tests.arm.test_psm import DEEP, at
-from tests.arm.test_walls import EXACT, add, pose, push, tip
+from tests.arm.test_walls import add, pose, push, tip
 from trocar.procs.arm.joints import joints
 from trocar.procs.arm.neighbours import LARGEST
 from trocar.procs.arm.other_arm import OtherArm
@@ -188,7 +188,7 @@ def test_an_instrument_too_near_to_another_is_retracted_along_it() -> None:
     for tilt in (0.0, 0.1, -0.1):
         made, there = beside()
         turned = shifted(-0.006)
-        turned[:3, :3] = [[math.cos(tilt), 0.0, math.sin(tilt)], [0.0, 1.0, 0.0], [-math.sin(tilt), 0.0, math.cos(tilt)]]
+        turned[[0, 2], [0, 2]], turned[0, 2], turned[2, 0] = math.cos(tilt), math.sin(tilt), -math.sin(tilt)
         there.put(turned)
         made.run(0.1)
         here = tip(made)
