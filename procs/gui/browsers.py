@@ -165,8 +165,8 @@ class Browser:
         only_stops = row is not None and row.is_stop(text, values)  # any page may stop something, without control
         is_held = row is not None and row.stream
         seen = None if only_stops else self._seen(asked, now_ns, HELD_LATE_NS if is_held else LATE_NS)
-        if since and seen is not None:  # a step of what was pressed then; a fault has come meanwhile, perhaps
-            seen = min(seen, served.ticks.generation(since))
+        if since and seen is not None and served.ticks.generation(since) != served.generation():
+            raise WrongMessage("a fault has come since this was pressed; press it again")
         self._calls.send(asked.id, to, command, values, text, seen)
         served.counts.commands += 1
         self._held.note(self.name, to, command, values, text)

@@ -327,7 +327,7 @@ def test_what_was_wished_before_a_fault_is_said_to_be_from_before(world: World) 
 def test_a_step_of_a_sequence_is_not_done_after_a_fault_that_came_after_the_press(world: World) -> None:
     async def story(console: Console) -> None:
         arm = FaultCell(console.faults, "PSM1")
-        browser, _ = console.page()
+        browser, page = console.page()
         arm.fault()
         await console.tick()
         pressed = console.all.served.ticks.number
@@ -335,17 +335,18 @@ def test_a_step_of_a_sequence_is_not_done_after_a_fault_that_came_after_the_pres
             await console.tick()
         browser.handle('{"op": "control", "take": true}')
 
-        async def valid(since: int) -> bool:
+        async def commands(since: int, text: str = "home") -> list[str]:
             await console.tick()
-            home = {"op": "call", "to": "PSM1", "command": "state_command", "text": "home", "id": 1, "since": since}
-            browser.handle(json.dumps({**home, "tick": console.all.served.ticks.number}))
-            (command,) = console.robot.mailbox.drain()
-            console.robot.mailbox.reply(command, 3, "")
-            return bool(command.origin.generation >= arm.valid_from)
+            call = {"op": "call", "to": "PSM1", "command": "state_command", "text": text, "id": 1, "since": since}
+            browser.handle(json.dumps({**call, "tick": console.all.served.ticks.number}))
+            await console.tick()
+            return executed(console.robot)
 
-        assert await valid(pressed)
-        arm.fault()
-        assert [await valid(since) for since in (pressed, 10**6, 0)] == [False, False, True]
+        assert await commands(pressed) == ["state_command"]
+        FaultCell(console.faults, "IO1/PSM1").fault()  # of anything
+        assert [await commands(since) for since in (pressed, 10**6)] == [[], []]
+        assert "press it again" in page.last("reply")["text"]
+        assert await commands(pressed, "disable") == await commands(0) == ["state_command"], "a stop, and a new press"
 
     play(world.name, story)
 
