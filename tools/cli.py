@@ -54,7 +54,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("home", "verbs.power:home", "Power on where needed and home the arms.", moves=True),
     Verb("power-off", "verbs.power:power_off", "Disable the arms.", moves=True),
     Verb("send", "verbs.send:send", "Send any command to a component.", moves=True, raw=True),
-    Verb("get", "verbs.properties:get", "List properties of processes."),
+    Verb("get", "verbs.properties:get", "Show the properties of processes and their values."),
     Verb("set", "verbs.properties:set_property", "Set a property of a process.", moves=True, raw=True),
     Verb("record", "verbs.record:record", "Record topics to a file, at full rate."),
     Verb("stream", "verbs.stream:stream", "Stream joint setpoints from a CSV file to an arm.", moves=True),

@@ -162,7 +162,7 @@ HOMING_TIMEOUT: Final = Code(
     "homing-timeout", ERROR, "arm", "the arm did not reach its home position in time",
     "remove obstacles, check the tolerances in the PID file, then trocar home NAME")
 ROLL_PLAN: Final = Code(
-    "roll-plan", ERROR, "arm", "no path to the roll's stop was found",
+    "roll-plan", ERROR, "arm", "no path to the stop of the roll joint was found",
     "turn the roll to mid-range, then trocar home NAME")
 ROLL_PASSED: Final = Code(
     "roll-passed", ERROR, "arm", "the roll went past the expected position of its lower stop",
@@ -189,7 +189,7 @@ COMMAND_REFUSED: Final = Code(
     "do what the message says; trocar send NAME lists the commands of NAME")
 OWN_STATE: Final = Code(
     "own-state", WARNING, "arm",
-    "a state of a derived arm's code requested something impossible; it has ended, and the arm holds",
+    "a state defined by a derived arm requested something impossible; it has ended, and the arm holds",
     "change the state's code as the message says (docs/derived-arms.md)")
 NOT_READY: Final = Code(
     "not-ready", WARNING, "arm", "a motion command or a clutch press was ignored, as the arm is not homed",
@@ -253,7 +253,7 @@ TOOL_NOT_NAMED: Final = Code(
 ENDOSCOPE_TYPE: Final = Code(
     "endoscope-type", ERROR, "arm", "an endoscope name is unknown", "use one of the names in the message")
 CPU_OVERLOAD: Final = Code(
-    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs only in every second period", BUSY)
+    "cpu-overload", WARNING, "arm", "the machine is overloaded: the arm runs only in every other period", BUSY)
 
 # setup joints
 CLUTCH_RELEASED: Final = Code(
@@ -358,7 +358,8 @@ THIRD_PARTY_ERROR: Final = Code(
     "third-party-error", ERROR, "third_party", "a third-party program that provides an arm reports an error",
     "see that program; teleoperations that use it stop")
 ROS_MESSAGE: Final = Code(
-    "ros-message", WARNING, "third_party", "an arm of a ROS program sent a warning, or one of its messages was refused",
+    "ros-message", WARNING, "third_party",
+    "an arm provided by a ROS program sent a warning, or its message was refused",
     "see the program that publishes it; docs/ros.md lists its topics")
 ROS_REFUSED: Final = Code("ros-refused", WARNING, "ros_bridge", "a command from ROS was refused, or did not succeed",
                           "docs/commands.md lists what each topic takes")

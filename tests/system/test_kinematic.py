@@ -75,7 +75,7 @@ def killed_io_comes_back_without_power_and_a_person_homes(robot: Robot) -> None:
     wait_for(lambda: echo(robot, "PSM1/state")["state"] == "FAULT", 60, "FAULT")
     wait_for(lambda: not np.any(echo(robot, "io/state")["powered"]), 60, "a record of the new io")
     state = echo(robot, "io/state")
-    assert state["position"][2] == pytest.approx(0.12), "where it was"
+    assert state["position"][2] == pytest.approx(0.12, abs=1e-5), "where it was, perhaps a cycle before the last one"
     robot.home()
     assert echo(robot, "PSM1/operating_state")["is_homed"] is True
 

@@ -36,10 +36,10 @@ def record(
         metavar="[NAME]", help="Name of the recording; its file is NAME-TIME.mcap.")] = "",
     topics: Annotated[list[str] | None, typer.Argument(
         metavar="[TOPICS]...",
-        help="Topics, or names of processes, for all their topics; default: all arms, io and consoles.")] = None,
+        help="Topics; the name of a process stands for all its topics; default: all arms, io and consoles.")] = None,
     seconds: Annotated[float, typer.Option(
         "--for", min=0.0, max=86400.0, help="Seconds of the system's time; 0: until Ctrl-C.")] = 0.0,
-    stop: Annotated[bool, typer.Option("--stop", help="End the recording of this name that is under way.")] = False,
+    stop: Annotated[bool, typer.Option("--stop", help="End the running recording of this name.")] = False,
     detach: Annotated[bool, typer.Option(
         "--detach", help="Return once the recording has begun; --stop ends it.")] = False,
     keep: Annotated[bool, typer.Option(

@@ -39,11 +39,11 @@ def scope(
     timeout: Annotated[float | None, typer.Option(
         "--timeout", min=0.0, help="Seconds of real time to wait for the trigger; then exit code 1.")] = None,
     past: Annotated[bool, typer.Option(
-        "--past", help="Show the last time the condition was met, from memory; do not wait for the next.")] = False,
+        "--past", help="Show the most recent stored occurrence; do not wait for the next.")] = False,
     csv: Annotated[str, typer.Option(
-        "--csv", metavar="FILE", help="File for every record as CSV; `-` is standard output.")] = "",
+        "--csv", metavar="FILE", help="Write all records as CSV to this file; `-`: standard output.")] = "",
     png: Annotated[str, typer.Option("--png", metavar="FILE", help="A PNG plot; needs matplotlib.")] = "",
-    height: Annotated[int, typer.Option("--height", min=3, max=40, help="Lines per plot on the terminal.")] = 6,
+    height: Annotated[int, typer.Option("--height", min=3, max=40, help="Lines of text per plot.")] = 6,
     as_json: JsonOption = False,
     recording: RecordingOption = None,
     begin: FromOption = 0.0,
@@ -58,10 +58,10 @@ def scope(
     several elements, the condition is met when any one of them meets it. Without --when, the last half second is shown
     immediately.
 
-    Shared memory holds the last 1.9 s of data (0.7 s in a system without boards). A longer --before adds only
-    data written while this command runs. It also reads recordings, and the memory of a crashed system; both imply
-    --past. Fields that are computed only on request are requested by this command, and have no values from
-    before it started. Exit code 1: the condition was not met.
+    Shared memory holds the last 1.9 s of data (0.7 s in a system without boards). If --before asks for more, the rest
+    exists only for data written after this command started. This command also reads recordings and the memory of a
+    crashed system; both imply --past. Fields that are computed only on request are requested by this command, and have
+    no values from before it started. Exit code 1: the condition was not met.
 
     Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 1
 
