@@ -24,6 +24,7 @@ from trocar.procs.node.streams import STREAM_NS
 
 NO_STEP: Final = np.zeros((2, 0))
 WOKEN_STEP_NS = 2_000_000  # when a motion begins: the process of an arm at rest has slept since its last step
+FORGOTTEN_NS = 1_000_000_000  # a goal that a wall holds back for so long after its stream is not reached later either
 
 
 class Mode(IntEnum):
@@ -281,7 +282,7 @@ class Motion:
             self.settled = False
         if not self.settled and self.mode is POSITION:
             self.settled = not self.governor.step(passed_ns, has_feed=self.has_velocity)
-            if self.governor.clipped and (self.drifting or now_ns - self._served_ns >= STREAM_NS):
+            if self.governor.clipped and (self.drifting or now_ns - self._served_ns >= FORGOTTEN_NS):
                 self.target[self._arm] = self.goal[self._arm]  # not there later by itself, when the wall has gone
 
     def _drift(self, passed_ns: int) -> None:

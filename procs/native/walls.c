@@ -178,9 +178,9 @@ static void grouped(const Walls *k, double *least) {
 }
 
 /* The first pair that comes nearer than `least` (w, s) on the straight way between joints, plus 1; 0: none. It is seen at
-   `share` of the way; at `passed` of it there was none. `first`: what is found at its beginning, if that is known. */
+   `share` of the way; at `passed` of it there was none. `first`: what is found at its beginning, if that is known. `along`: see ArmWalls.ALONG. */
 static int64_t blocked(const Walls *k, const double *from, const double *to, const double *least, double samples,
-                       const Nearest *first, double *share, double *passed) {
+                       double along, const Nearest *first, double *share, double *passed) {
   double frames[k->n][12], points[k->p][3], q[k->n], way = 0.0, at = 0.0;
   Nearest found[k->w * k->s];
   for (int64_t i = 0; i < k->n; i++) way += fabs(to[i] - from[i]) * k->reach[i];
@@ -192,7 +192,7 @@ static int64_t blocked(const Walls *k, const double *from, const double *to, con
     if (!first || at > 0.0) look_at(k, q, k->near, frames, points, found);
     for (int64_t i = 0; i < k->w * k->s; i++) {
       double spare = (first && at == 0.0 ? first : found)[i].value - least[i];
-      double slack = least[i] < 0.0 && k->group[i / k->s] >= 0 ? k->along * way : 0.0;
+      double slack = least[i] < 0.0 && k->group[i / k->s] >= 0 ? along * way : 0.0;
       if (!(spare >= -(k->tiny + at * slack))) {
         *share = at;
         return i + 1;
@@ -275,7 +275,7 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
     least[i] = value <= 0.0 ? value : is_step && value < k->near ? value * (1.0 - share * k->pace[i / k->s]) : 0.0;
   }
   grouped(k, least);
-  why = blocked(k, k->before, k->goal, least, samples, found, k->share, &at);
+  why = blocked(k, k->before, k->goal, least, samples, 0.0, found, k->share, &at);
   if (!why) return 0;
   for (int64_t i = 0; i < n; i++) {
     low[i] = least_of(k->lower[i], k->before[i]), high[i] = most_of(k->upper[i], k->before[i]);
@@ -323,7 +323,7 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
   }
   for (int64_t i = 0; i < n; i++)
     x[i] = most_of(least_of(k->before[i] + scale * (x[i] - k->before[i]), high[i]), low[i]);
-  if (!blocked(k, k->before, x, least, samples, 0, &scale, &at)) at = 1.0;
+  if (!blocked(k, k->before, x, least, samples, 0.0, 0, &scale, &at)) at = 1.0;
   for (int64_t i = 0; i < n; i++) k->goal[i] = at < 1.0 ? k->before[i] + at * (x[i] - k->before[i]) : x[i];
   return why;
 }
@@ -336,7 +336,7 @@ int64_t Walls_way(const Walls *k) {
   for (int64_t i = 0; i < k->w * k->s; i++) least[i] = least_of(found[i].value, 0.0);
   grouped(k, least);
   double at;
-  return blocked(k, k->before, k->goal, least, k->samples, found, k->share, &at);
+  return blocked(k, k->before, k->goal, least, k->samples, k->along, found, k->share, &at);
 }
 
 /* Distances at `goal` into `value` (w, s). */

@@ -123,7 +123,7 @@ def test_an_arm_that_another_comes_near_to_stays_and_may_leave() -> None:
     made.run(0.1)
     assert made.walls["distance"][0] == pytest.approx(-0.0074, abs=1e-4) and (tip(made) == here).all()
     slid(made, -0.02)
-    assert tip(made)[0] == pytest.approx(here[0], abs=5e-5), "not nearer"
+    assert tip(made)[0] == pytest.approx(here[0], abs=1e-5), "not nearer"
     slid(made, 0.02)
     assert tip(made)[0] == pytest.approx(0.02, abs=1e-4)
 
@@ -176,7 +176,7 @@ def test_an_arm_that_is_measured_no_more_may_be_anywhere_near_until_it_is_measur
     made.run(1.0)
     assert float(made.walls["distance"][0]) == pytest.approx(before - LARGEST, abs=1e-6) and (tip(made) == here).all()
     answers = slid(made, -0.02)
-    assert answers[-1].startswith("at wall arms: PSM2, not measured for ") and tip(made)[0] >= here[0] - 1e-5
+    assert answers[-1].startswith("at wall arms: PSM2, not measured for ") and tip(made)[0] >= here[0] - 1e-9
     slid(made, 0.02)
     assert tip(made)[0] == pytest.approx(0.02, abs=1e-4), "leaving is free"
     there.fresh = True
@@ -213,7 +213,7 @@ def test_a_goal_from_which_a_wall_kept_an_arm_is_forgotten_with_its_stream() -> 
             there.measured["biased"][0] = False
         else:
             there.put(shifted(tip(made)[0] - 0.0134))
-        made.run(1.0)
+        made.run(1.5)
         here = tip(made)
         there.measured["biased"][0] = True
         there.put(shifted(-0.5))

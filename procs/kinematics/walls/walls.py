@@ -77,7 +77,7 @@ class ArmWalls:
     SPARE = 2.0
     """A way that is so many times shorter than the distance from all walls need not be looked at."""
     ALONG = 1e-3
-    """Share of a way that leads deeper along another arm, and still counts as one along it."""
+    """Share of the way of a move that leads deeper along another arm, and still counts as one along it."""
     APEX = shapes.APEX
     ZONE, SPRING, DAMPER, LARGEST = 0.01, 500.0, 20.0, 10.0
     """Before a wall in effort mode: m, N/m, N·s/m, N."""
@@ -151,7 +151,8 @@ class ArmWalls:
         plus 1, and in `share` how far along it is.
         """
         view = _View(self, self.before)
-        return self._blocked(self.goal, self._grouped(np.minimum(view.values, 0.0)), self.samples, view)[0]
+        return self._blocked(self.goal, self._grouped(np.minimum(view.values, 0.0)), self.samples, view,
+                             along=self.ALONG)[0]
 
     def by_numpy_keep(self, share: float, is_step: int) -> int:
         """Change `goal` to the nearest joints that are allowed; returns the pair that prevents more, plus 1, 0: none.
@@ -222,14 +223,14 @@ class ArmWalls:
         return rows, bounds, of
 
     def _blocked(self, to: Array, least: Array, samples: float, first: _View | None = None,
-                 share: Array | None = None) -> tuple[int, float]:
+                 share: Array | None = None, along: float = 0.0) -> tuple[int, float]:
         """The first pair that comes nearer than `least` on the straight way from `before`, plus 1, 0: none; and how
         much of the way is free. `first`: the view from its beginning, if that is known.
         """
         change, free = to - self.before, 0.0
         way, at = float(np.abs(change) @ self.body.reach), 0.0
         grain = max(self.GRAIN, way / samples)
-        slack = np.where((least < 0.0) & (self.group[:, None] >= 0), self.ALONG * way, 0.0)
+        slack = np.where((least < 0.0) & (self.group[:, None] >= 0), along * way, 0.0)
         while True:
             view = first if first is not None and at == 0.0 else None
             view = view or _View(self, self.before + at * change if at < 1.0 else to)
