@@ -1,7 +1,7 @@
 """Another arm, as this one has to know it: its instrument, its base frame, and where io measures its joints.
 
-All of it stays known when the other arm's process dies: its last record has instrument and base frame, and io measures
-the joints, whoever drives them.
+All of it stays known when the other arm's process dies: its last record has instrument and base frame, and io still
+measures the joints.
 """
 
 from __future__ import annotations

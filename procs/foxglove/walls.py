@@ -38,7 +38,7 @@ class DrawnWalls:
         self._ids: set[str] = set()
 
     def look(self, reference: str, *, again: bool) -> tuple[list[SceneEntity], list[SceneEntityDeletion]]:
-        """What is to be drawn, and no more drawn, since the last look, or `again` all. `reference`: the frame of the
+        """The walls to draw, and those to delete, since the last look; `again`: draw all. `reference`: the frame of the
         arm's poses; "": it is not known.
         """
         if not self._ring.newest() or (self._ring.sequence == self._sequence and not again):

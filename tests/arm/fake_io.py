@@ -324,7 +324,6 @@ class ArmHarness:
             self.arm.control.walls.answer()
 
     def run(self, seconds: float) -> None:
-        """Let time pass."""
         for _ in range(round(seconds * SECOND / self.period_ns)):
             self.step()
 

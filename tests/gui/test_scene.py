@@ -186,7 +186,8 @@ def test_walls_of_an_arm_are_where_its_record_has_them_and_light_up_when_it_is_n
               closing(SceneSource(document)) as scene):
             assert scene.read(1)["walls"]["PSM1"] == {}, "nothing was published yet"
             rows = ((b"table", b"plane", 0.005, True), (b"arms", b"arms", 0.001, True), (b"far", b"sphere", 0.5, True),
-                    (b"off", b"sphere", np.nan, False), (b"beyond", b"sphere", -0.001, True))
+                    (b"off", b"sphere", np.nan, False), (b"beyond", b"sphere", -0.001, True),
+                    (b"spoiled", b"sphere", 0.0, True))
             record.field("count")[...] = len(rows)
             for place, row in enumerate(rows):
                 for name, value in zip(("name", "shape", "distance", "active"), row, strict=True):
@@ -194,6 +195,7 @@ def test_walls_of_an_arm_are_where_its_record_has_them_and_light_up_when_it_is_n
                 record.field("frame")[place] = b"base"
                 record.field("pose")[place] = (0.0, 0.0, -0.1, 0.0, 0.0, 0.0, 1.0)
                 record.field("size")[place, 0] = 0.02
+            record.field("pose")[len(rows) - 1, 3:] = 0.0
             record.field("stopped_by")[...] = b"beyond"
             record.publish(1)
             shown = scene.read(1)["walls"]["PSM1"]

@@ -40,7 +40,7 @@ export class WallModels {
     }
     for (const key of left) {
       this.drawn[key].removeFromParent();
-      this.drawn[key].geometry.dispose();
+      this.drawn[key].traverse((part) => (part.geometry.dispose(), part.material.dispose()));
       delete this.drawn[key];
     }
   }
