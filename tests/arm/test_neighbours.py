@@ -12,7 +12,9 @@ import pytest
 from tests import stock
 from tests.arm.arm_configs import EYE, fixed_arm
 from tests.arm.fake_io import ArmHarness, Record
+from tests.arm.fake_requests import FakeRequest
 from tests.arm.test_ecm import ecm
+from tests.arm.test_governor import fastest, recording
 from tests.arm.test_psm import DEEP, at
 from tests.arm.test_walls import add, pose, push, tip
 from trocar.procs.arm.joints import joints
@@ -28,6 +30,12 @@ from trocar.shm.topics import ARM_STATE, IO_STATE
 pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 ARMS = Wall("arms", "arms", margin=0.005, arms=("PSM2",))
 HELD = dataclasses.replace(ARMS, unknown="hold")
+FAR = (Wall("plane", "plane", (0.0, 0.0, -0.6)), Wall("box", "box", (0.5, 0.0, 0.0), size=(0.1, 0.1, 0.1)),
+       Wall("sphere", "sphere", (0.0, 0.5, -0.2), size=(0.1,)), Wall("room", "sphere", size=(0.9,), keep="in"),
+       Wall("cylinder", "cylinder", (-0.5, 0.0, -0.2), size=(0.05, 0.2)),
+       Wall("cone", "cone", (0.0, -0.6, 0.0), (1.0, 0.0, 0.0, 0.0), (0.3,)),
+       Wall("capsule", "capsule", (0.5, 0.5, -0.2), size=(0.05, 0.2)),
+       Wall("view", "cone", size=(1.2,), keep="in", of="tip", frame="PSM2"))
 NEAR_X, SIDE = -0.05, 0.03
 """m: where the other arm is, and where the own one goes: x of its base."""
 
@@ -303,6 +311,31 @@ def test_a_wall_hangs_at_the_tip_of_the_endoscope_and_outlives_the_process() -> 
     assert tip(made)[2] == pytest.approx(start[2] - 0.01, abs=1e-3), "towards the middle is free"
     assert made.send("add_wall", (0.0,) * 6 + (1.0, 0.01), "w sphere PSM9").outcomes == ["refused"]
     assert made.send("add_wall", (0.0,) * 6 + (1.0,), "w arms").outcomes == ["refused"]
+
+
+@pytest.mark.parametrize(("name", "columns"), [("psm_measured_one.csv", slice(0, 7)),
+                                               ("classic_tool_fixed.csv", slice(1, 7))])
+def test_with_walls_far_away_recorded_motions_give_the_same_setpoints_bit_for_bit(name: str, columns: slice) -> None:
+    positions = fastest(recording(name)[:, columns])[250:750]
+    there = FakeOther()
+    there.go((0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0))
+    above = np.eye(4)
+    above[2, 3] = 0.5
+    there.put(above)
+    walled = ArmHarness(fixed_arm(walls=(*FAR, ARMS), base_frame=EYE, reference_frame="world"), other=there.other)
+    there.harness = walled
+    free = ArmHarness(fixed_arm(base_frame=EYE, reference_frame="world"))
+    for made in (free, walled):
+        at(made.homed(), positions[0, :6])
+    assert walled.walls["active"][: len(FAR) + 1].all()
+    for position in positions:
+        jaw = [("jaw/servo_jp", np.clip(position[6:], -0.3, 1.0))] * len(position[6:])
+        for requests in ([("servo_jp", position[:6])], jaw, [], [], [], [], []):  # 200 Hz
+            for made in (free, walled):
+                made.step(*(FakeRequest(*request) for request in requests))
+            for field in ("position", "velocity", "effort"):
+                assert free.setpoint[field].tobytes() == walled.setpoint[field].tobytes()
+    assert free.reports.events == walled.reports.events
 
 
 def test_the_setpoint_slows_down_to_half_of_what_it_may_before_a_wall() -> None:
