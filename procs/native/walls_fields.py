@@ -39,6 +39,7 @@ MOVED: Final = CStruct("MovedWalls", (
     *rows("i8", "", axes="axes", p="p", s="s", t="t", hangs="hangs"),
     *rows("f8", "n axes", to_joint="to_joint"),
     *rows("f8", "axes", position="position"),
+    *rows("f8", "n", least="least", most="most"),
     *rows("i8", "p", of="body.of"),
     *rows("f8", "p 3", place="body.place"),
     *places("s", "p", starts="starts", stops="stops"),

@@ -137,11 +137,11 @@ def test_an_arm_that_another_comes_near_to_stays_and_may_leave() -> None:
 
 
 @pytest.mark.parametrize("wall", [ARMS, HELD])
-@pytest.mark.parametrize("spoiled", ["base", "frame", "encoders", "numbers", "never"])
+@pytest.mark.parametrize("spoiled", ["base", "frame", "encoders", "numbers", "absurd", "never"])
 def test_while_it_is_unknown_where_the_other_arm_is_the_wall_is_off_or_the_arm_holds(spoiled: str, wall: Wall) -> None:
     made, there = beside(wall)
-    if spoiled == "numbers":  # since this arm's process has run
-        there.measured["position"][1] = math.nan
+    if spoiled in ("numbers", "absurd"):  # since this arm's process has run
+        there.measured["position"][1] = math.nan if spoiled == "numbers" else 1e30
         made.start_arm()
         made.run(0.9)
     elif spoiled == "base":
@@ -164,10 +164,11 @@ def test_while_it_is_unknown_where_the_other_arm_is_the_wall_is_off_or_the_arm_h
     assert made.send("move_jp", goal).outcomes[0] == ("refused" if wall is HELD else "accepted")
 
 
-def test_of_an_arm_that_sends_numbers_no_more_its_last_place_counts_and_grows() -> None:
+@pytest.mark.parametrize(("axis", "value"), [(1, math.nan), (0, 1e30), (2, -1e30), (0, 3.0), (2, 0.4), (5, 20.0)])
+def test_of_an_arm_that_cannot_be_where_it_is_measured_its_last_place_counts_and_grows(axis: int, value: float) -> None:
     made, there = beside()
     before = float(made.walls["distance"][0])
-    there.measured["position"][...] = math.nan
+    there.measured["position"][axis] = value
     made.run(0.02)
     assert float(made.walls["distance"][0]) == before
     made.run(0.08)
