@@ -52,7 +52,8 @@ class Governor:
 
     `clip` is for walls: from the last setpoint, the one of this cycle, which it may change in place, the least and
     largest change of each joint (2, size) in it, and its time in s, it returns whether it changed it; of the newest
-    cycle, `clipped`.
+    cycle, `clipped`. `slow`: from the last setpoint, the one of this cycle, and its time in s, how much of that step a move
+    may take before another arm.
     """
 
     def __init__(self, of: Motion, speed: Array, acceleration: Array, lower: Array, upper: Array) -> None:
@@ -63,6 +64,7 @@ class Governor:
         self.size = len(speed)
         self.rate, self.behind, self.most = np.zeros(self.size), np.zeros(self.size), np.zeros(1)
         self.clip: Callable[[Array, Array, Array, float], bool] | None = None
+        self.slow: Callable[[Array, Array, float], float] | None = None
         self.clipped = False
         self._advance, self._measure = chosen(GOVERNOR, self)
 

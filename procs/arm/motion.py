@@ -24,6 +24,7 @@ from trocar.procs.node.streams import STREAM_NS
 
 NO_STEP: Final = np.zeros((2, 0))
 WOKEN_STEP_NS = 2_000_000  # when a motion begins: the process of an arm at rest has slept since its last step
+ENDED = 0.01  # of the speed of a move: slower than that before another arm, it has ended
 FORGOTTEN_NS = 1_000_000_000  # a goal that a wall holds back for so long after its stream is not reached later either
 
 
@@ -266,8 +267,8 @@ class Motion:
                 self._jaw_governor.step(passed_ns, has_feed=False)
             self._advance(now_ns)
             clip = self.governor.clip  # since the last cycle, a command may have taken the setpoint further, too
-            if clip is not None and clip(self._last, self.goal, NO_STEP, 0.0):
-                self.hold(self.goal.copy())
+            if not self._slow(now_ns, passed_ns) or (clip is not None and clip(self._last, self.goal, NO_STEP, 0.0)):
+                self.hold(self._last.copy())
                 self.stopped = True
             return
         if self.has_velocity and now_ns - self._served_ns >= STREAM_NS:
@@ -284,6 +285,18 @@ class Motion:
             self.settled = not self.governor.step(passed_ns, has_feed=self.has_velocity)
             if self.governor.clipped and (self.drifting or now_ns - self._served_ns >= FORGOTTEN_NS):
                 self.target[self._arm] = self.goal[self._arm]  # not there later by itself, when the wall has gone
+
+    def _slow(self, now_ns: int, passed_ns: int) -> bool:
+        """Before another arm, the time of the trajectory passes more slowly; False: it has come to an end there."""
+        slow = self.governor.slow
+        if slow is None or not self.moving:
+            return True
+        share = slow(self._last, self.goal, passed_ns * 1e-9)
+        if share < 1.0:
+            self._start_ns += round((1.0 - share) * passed_ns)
+            self._evaluate(now_ns)
+            self.velocity[self._arm] *= share
+        return share > ENDED
 
     def _drift(self, passed_ns: int) -> None:
         target, velocity = self.target, self.feed_velocity

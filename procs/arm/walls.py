@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.context import ArmContext
+from trocar.procs.arm.given_wall import WORDS, wall_of
 from trocar.procs.arm.governor import Governor
 from trocar.procs.arm.joints import JointSpace, body_of
 from trocar.procs.arm.neighbours import SEGMENTS, Neighbour, Neighbours
 from trocar.procs.arm.reports import REPORT_NS, ArmReports
 from trocar.procs.document.system import ArmConfig
-from trocar.procs.document.walls import ARMS, BASE, FRAMES, HOLD, PARTS, REFERENCE, SHAPES, SIDES, SIZES, Wall
+from trocar.procs.document.walls import ARMS, BASE, HOLD, REFERENCE, Wall
 from trocar.procs.kinematics.poses import Array, pose_from_matrix
 from trocar.procs.kinematics.walls.recorded import recorded_walls
 from trocar.procs.kinematics.walls.walls import MOST, SLOWING_S, ArmWalls, objection_to, pose_of
@@ -29,12 +30,10 @@ from trocar.procs.node.requests import ANSWERED, CommandRefused
 from trocar.procs.tables import codes
 from trocar.shm.mailbox.received import Request
 
-POSE: Final = 7
 GAP_NS: Final = 30_000_000  # between goals of a stream
 SHOWN_NS: Final = 33_000_000
 NEAR_S: Final = 0.02
 """A stream that was stopped by a wall has caught up when its goal is so near, in s at the largest speed."""
-WORDS: Final = (*SIDES, *PARTS, *FRAMES)
 MAX_FRAME: Final = 24
 """Bytes: of the name of a frame in the record, from which a restarted process has the wall."""
 
@@ -119,6 +118,7 @@ class Walls:
                 if not own.base_known:
                     limits.drop(place)
         self._neighbours.own_base_moved()
+        governor.slow = self.slow if self._neighbours.rows else None
         self._is_followed = False
         self._settle()
 
@@ -154,6 +154,12 @@ class Walls:
             self._reported = unknown
             if unknown:
                 self._reports.report(codes.WALL_OFF, unknown, REPORT_NS)
+
+    def _report_gone(self) -> None:
+        for row in self._neighbours.rows:
+            if row.has_gone and self._is_on():
+                self._reports.report(codes.OTHER_ARM_GONE, f"{row.wall.name}: {row.other.name} has no instrument now")
+            row.has_gone = False
 
     @property
     def names(self) -> list[str]:
@@ -228,6 +234,17 @@ class Walls:
             goal[:n] = limits.goal
         self.stopped_by = name or ("" if self._wanted is None else self.stopped_by)
         return bool(name)
+
+    def slow(self, before: Array, goal: Array, seconds: float) -> float:
+        """How much of the step of a move, of so many seconds, from `before` to `goal` (size,) is slow enough before others.
+        """
+        limits, n = self._limits, self._count
+        if limits is None or self._held or not self.guards:
+            return 1.0
+        limits.before[...], limits.goal[...] = before[:n], goal[:n]
+        if name := self._name_of(limits.slow(min(1.0, seconds / SLOWING_S))):
+            self.stopped_by = name
+        return limits.share.item() if name else 1.0
 
     def objection(self, here: Array, goal: Array) -> str:
         """Why a move from `here` to `goal` (size,) would cross a wall; "": it does not."""
@@ -331,6 +348,7 @@ class Walls:
         self._shown_ns = now_ns
         self._follow()
         self._report_unknown()
+        self._report_gone()
         least: Array = np.full(MOST, math.nan)
         if limits is not None:
             limits.goal[...] = here[: self._count]
@@ -365,26 +383,6 @@ class Walls:
             field("size")[place, : len(wall.size)] = wall.size
             field("margin")[place] = wall.margin
             field("by_command")[place], field("active")[place] = kept.by_command, kept.active
-
-
-def wall_of(text: str, values: Array) -> Wall:
-    """The wall of a command; CommandRefused with what is wrong."""
-    words = text.split()
-    if len(words) < 2 or words[1] not in SHAPES:
-        raise CommandRefused(f"a name and a shape are needed first; shapes: {', '.join(SHAPES)}")
-    name, shape, *others = words
-    if len(unknown := [word for word in others if word not in WORDS]) > 1:
-        raise CommandRefused(f"{', '.join(unknown)}: allowed are {', '.join(WORDS)}")
-    needed = SIZES[shape]
-    if not POSE + needed <= len(values) <= POSE + needed + 1:
-        raise CommandRefused(f"a {shape} needs {POSE + needed} numbers, and may have its margin after them")
-    size, margin = values[POSE : POSE + needed], values[POSE + needed :]
-    wall = Wall(name, shape, tuple(values[:3].tolist()), tuple(values[3:POSE].tolist()), tuple(size.tolist()),
-                margin=float(margin[0]) if len(margin) else 0.0)
-    for word in others:
-        wall = (replace(wall, keep=word) if word in SIDES else replace(wall, of=word) if word in PARTS
-                else replace(wall, frame=word))
-    return wall
 
 
 def _added_before(field: Fields, arm: ArmConfig) -> list[KeptWall]:

@@ -339,6 +339,22 @@ int64_t Walls_way(const Walls *k) {
   return blocked(k, k->before, k->goal, least, k->samples, k->along, found, k->share, &at);
 }
 
+/* How much of the step of a move to `goal` is slow enough before other arms, into `share`; the pair that asks for it, plus 1. */
+int64_t Walls_slow(const Walls *k, double share) {
+  double frames[k->n][12], points[k->p][3];
+  Nearest found[k->w * k->s], then[k->w * k->s];
+  look_at(k, k->before, k->near, frames, points, found);
+  look_at(k, k->goal, k->near, frames, points, then);
+  int64_t why = 0;
+  *k->share = 1.0;
+  for (int64_t i = 0; i < k->w * k->s; i++) {
+    double value = found[i].value, most = share * k->pace[i / k->s] * value, nearer = value - then[i].value;
+    if (k->group[i / k->s] >= 0 && value > 0.0 && value < k->near && most < *k->share * nearer)
+      *k->share = most / nearer, why = i + 1;
+  }
+  return why;
+}
+
 /* Distances at `goal` into `value` (w, s). */
 int64_t Walls_look(const Walls *k) {
   double frames[k->n][12], points[k->p][3];

@@ -256,6 +256,7 @@ def test_an_arm_without_an_instrument_is_nowhere_and_an_unknown_one_is_the_longe
     there.state["instrument"][...], there.state["tool"][...] = 1, b""
     made.run(0.1)
     assert made.walls["active"][0] and math.isnan(made.walls["distance"][0])
+    assert made.reports.of("warning") == [("warning", "other-arm-gone", "PSM1: arms: PSM2 has no instrument now")]
     there.state["instrument"][...] = 2
     there.go((0.0, 0.0, 0.12, 0.0, 0.0, 1.2, 0.0))  # a wrist that cannot be known: it counts as straight
     made.run(0.1)
@@ -349,6 +350,23 @@ def test_the_setpoint_slows_down_to_half_of_what_it_may_before_a_wall() -> None:
         distances.append(float(made.walls["distance"][0]))
     shrunk = -np.diff(distances)
     assert (shrunk <= np.array(distances[:-1]) * (made.period_ns * 1e-9 / 0.1) + 1e-9).all() and min(distances) > 0.0
+
+
+def test_moves_of_two_arms_slow_down_before_each_other_though_they_see_each_other_late() -> None:
+    made, there = beside()
+    there.put(shifted(-0.15))
+    move = made.send("move_jp", (-0.8, 0.0, 0.12, 0.0, 0.0, 0.0))
+    places, steps = [made.state["setpoint_position"][:6].copy()] * 10, []  # 20 ms
+    while move.outcomes[-1] == "accepted":
+        there.go((*(places.pop(0) * (-1.0, 1.0, 1.0, 1.0, 1.0, 1.0)), 0.0))  # the same motion from the other side
+        made.step()
+        places.append(made.state["setpoint_position"][:6].copy())
+        steps.append(abs(places[-1][0] - places[-2][0]))
+    assert move.outcomes[-1] == "failed" and "wall arms: PSM2 is in the way" in move.replies[-1][1]
+    there.go((*(places[-1] * (-1.0, 1.0, 1.0, 1.0, 1.0, 1.0)), 0.0))
+    made.run(0.1)
+    assert -1e-4 < made.walls["distance"][0] < 2e-3
+    assert max(steps) > 5e-4 and steps[-1] < 0.1 * max(steps) and np.abs(np.diff(steps)).max() < 1e-4, "no sudden stop"
 
 
 def test_snakes_and_needle_drivers_are_found_by_their_names() -> None:

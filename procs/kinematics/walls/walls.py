@@ -110,7 +110,8 @@ class ArmWalls:
         self.way: Callable[[], int]
         self.look: Callable[[], int]
         self.push: Callable[[], int]
-        self.keep, self.way, self.look, self.push = chosen(WALLS, self, "by_numpy_")
+        self.slow: Callable[[float], int]
+        self.keep, self.way, self.look, self.push, self.slow = chosen(WALLS, self, "by_numpy_")
 
     def put(self, place: int, wall: Wall, frame: Array) -> None:
         """Set the wall at `place`, whose pose in the arm's base is `frame` (4, 4)."""
@@ -153,6 +154,18 @@ class ArmWalls:
         view = _View(self, self.before)
         return self._blocked(self.goal, self._grouped(np.minimum(view.values, 0.0)), self.samples, view,
                              along=self.ALONG)[0]
+
+    def by_numpy_slow(self, share: float) -> int:
+        """How much of the step of a move from `before` to `goal` brings it nearer to other arms by this `share` at most,
+        into `share`; returns the pair that asks for it, plus 1, 0: none.
+        """
+        value, then = _View(self, self.before).values, _View(self, self.goal).values
+        why, self.share[0] = 0, 1.0
+        for pair in np.flatnonzero((self.group[:, None] >= 0) & (value > 0.0) & (value < self.NEAR)).tolist():
+            most, nearer = share * self.pace[pair // self.s] * value.flat[pair], value.flat[pair] - then.flat[pair]
+            if most < self.share.item() * nearer:
+                why, self.share[0] = pair + 1, most / nearer
+        return why
 
     def by_numpy_keep(self, share: float, is_step: int) -> int:
         """Change `goal` to the nearest joints that are allowed; returns the pair that prevents more, plus 1, 0: none.
