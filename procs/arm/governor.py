@@ -52,8 +52,8 @@ class Governor:
 
     `clip` is for walls: from the last setpoint, the one of this cycle, which it may change in place, the least and
     largest change of each joint (2, size) in it, and its time in s, it returns whether it changed it; of the newest
-    cycle, `clipped`. `slow`: from the last setpoint, the one of this cycle, and its time in s, how much of that step a move
-    may take before another arm.
+    cycle, `clipped`. `slow`: from the last setpoint, the one of this cycle, and its time in s, how much of that step a
+    move may take before another arm.
     """
 
     def __init__(self, of: Motion, speed: Array, acceleration: Array, lower: Array, upper: Array) -> None:

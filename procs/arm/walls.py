@@ -236,8 +236,7 @@ class Walls:
         return bool(name)
 
     def slow(self, before: Array, goal: Array, seconds: float) -> float:
-        """How much of the step of a move, of so many seconds, from `before` to `goal` (size,) is slow enough before others.
-        """
+        """How much of the step of a move, of so many seconds, is slow enough before other arms."""
         limits, n = self._limits, self._count
         if limits is None or self._held or not self.guards:
             return 1.0

@@ -219,7 +219,7 @@ WALL_OFF: Final = Code(
     "wall-off", WARNING, "arm", "walls are off, or hold the arm, because it is not known where they are",
     "set the base frame, or home the setup joints")
 OTHER_ARM_GONE: Final = Code(
-    "other-arm-gone", WARNING, "arm", "another arm that a wall keeps this one away from was near, and has no instrument now",
+    "other-arm-gone", WARNING, "arm", "an arm that a wall keeps this one away from was near, and has no instrument now",
     "look whether the instrument is really out; until it is on again, nothing keeps this arm away from it")
 CLIPPED: Final = Code(
     "clipped", WARNING, "arm", "a goal was beyond the limits of a joint; clipped", "give goals within the joint limits")

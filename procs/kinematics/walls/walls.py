@@ -156,8 +156,8 @@ class ArmWalls:
                              along=self.ALONG)[0]
 
     def by_numpy_slow(self, share: float) -> int:
-        """How much of the step of a move from `before` to `goal` brings it nearer to other arms by this `share` at most,
-        into `share`; returns the pair that asks for it, plus 1, 0: none.
+        """How much of the step of a move from `before` to `goal` brings it nearer to other arms by this `share` of the
+        distance at most, into `share`; returns the pair that asks for it, plus 1, 0: none.
         """
         value, then = _View(self, self.before).values, _View(self, self.goal).values
         why, self.share[0] = 0, 1.0
