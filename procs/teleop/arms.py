@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from trocar.procs.document.walls import AT_WALL
 from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import Fields, Input
 from trocar.procs.node.requests import STREAM_ENDED
@@ -20,7 +21,6 @@ from trocar.shm.ring.ring import RingReader
 SHOWN_NS: Final = 1_000_000_000  # how long a refusal is shown
 LIMIT_SHOWN_NS: Final = 100_000_000  # how long an unreached goal is shown: each goal is answered
 LIMITED: Final = ("at its limit", "clipped")  # beginnings of answers to goals that could not be reached
-AT_WALL: Final = "at wall "
 JAW: Final = "jaw"  # at its limit whenever the gripper is wide open: not reported
 NO_FAULTS: Final = frozenset((INVERSE_KINEMATICS.code.encode(),))
 """Codes of errors about a command: it was refused, but the arm has no problem."""
