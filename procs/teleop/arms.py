@@ -13,6 +13,7 @@ from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import Fields, Input
 from trocar.procs.node.requests import STREAM_ENDED
 from trocar.procs.tables.codes import INVERSE_KINEMATICS
+from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.teleop.motion_check import MotionCheck
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.messages import Reply
@@ -21,6 +22,8 @@ from trocar.shm.ring.ring import RingReader
 SHOWN_NS: Final = 1_000_000_000  # how long a refusal is shown
 LIMIT_SHOWN_NS: Final = 100_000_000  # how long an unreached goal is shown: each goal is answered
 LIMITED: Final = ("at its limit", "clipped")  # beginnings of answers to goals that could not be reached
+WRENCH_LASTS_S: Final = LATE_S  # forces on masters end by themselves when this process does
+IN_REFERENCE_FRAME: Final = 1.0
 JAW: Final = "jaw"  # at its limit whenever the gripper is wide open: not reported
 NO_FAULTS: Final = frozenset((INVERSE_KINEMATICS.code.encode(),))
 """Codes of errors about a command: it was refused, but the arm has no problem."""
@@ -195,6 +198,11 @@ class TeleopArm:
     def limit(self) -> str:
         """Why the arm could not reach a recent goal, "": it could."""
         return self._limit if self._now_ns - self._limited_ns < LIMIT_SHOWN_NS else ""
+
+    @property
+    def is_at_wall(self) -> bool:
+        """Whether that was a wall."""
+        return AT_WALL in self.limit
 
     def errors(self) -> list[str]:
         """Errors of the arm since the last call."""

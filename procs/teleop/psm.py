@@ -13,15 +13,14 @@ from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import CommandRefused, Handler, switch
 from trocar.procs.tables import codes
-from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.tables.operator_waits import ALIGN_ONLY, CLUTCHED
-from trocar.procs.teleop.arms import BaseFrame, TeleopArm
+from trocar.procs.teleop.arms import IN_REFERENCE_FRAME, WRENCH_LASTS_S, BaseFrame, TeleopArm
 from trocar.procs.teleop.teleop import StateRow, Teleop, TeleopContext
 from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from trocar.shm.mailbox.received import Request
 from trocar.shm.operator_topics import TeleopState
 
-WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when this process does
+WALL_STIFFNESS: Final = 200.0  # N/m
 AGAIN_NS: Final = 500_000_000  # until a failed alignment of a master is repeated
 SAME_JAW: Final = 1e-6  # rad: already reached
 
@@ -51,6 +50,7 @@ class TeleopPsm(Teleop):
         self._aligned_ns = 0
         self._wrench: Array | None = None
         self._wrench_values = np.full(7, WRENCH_LASTS_S)
+        self._wall_wrench = np.array((0.0,) * 6 + (WRENCH_LASTS_S, IN_REFERENCE_FRAME))
         self._values = np.zeros(13)
         field = record.field
         self._goal_shown, self._jaw_shown, self._sent = field("goal_cp"), field("jaw_goal"), field("sent_ns")
@@ -212,15 +212,17 @@ class TeleopPsm(Teleop):
                 self.master.send("lock_orientation" if locked else "unlock_orientation")
 
     def _run_following(self) -> None:
-        master, slave = self.master, self.slave
+        master, slave, settings = self.master, self.slave, self.settings
         if self.desired is not TeleopState.ENABLED:
             self.go(self.desired)
         elif not self.clutched and self._may_follow() and self.takes_goals():
             self._send_goal()
-            if not self.settings.ignore_jaw:
+            if not settings.ignore_jaw:
                 self._send_jaw()
-            if self._wrench is not None and self.settings.mtm_is_haptic:
+            if self._wrench is not None and settings.mtm_is_haptic:
                 self._pass_wrench(self._wrench)
+            elif settings.wall_force and slave.is_at_wall and settings.mtm_is_haptic:
+                self._push_back(settings.wall_force)
             self._error_shown[...] = angle_between(master.measured, slave.setpoint)
             self.reason = slave.refusal or slave.limit or master.refusal
 
@@ -251,6 +253,14 @@ class TeleopPsm(Teleop):
         self._jaw_shown[...], self._ghost[...] = jaw, self.jaw.ghost
         if abs(jaw - self.slave.jaw) > SAME_JAW:
             self.slave.send("jaw/servo_jp", (jaw,))
+
+    def _push_back(self, most: float) -> None:
+        """Push the hand back to where the slave is, with `most` N; this ends by itself away from the wall."""
+        if self.mapping.translation_locked:
+            return
+        force = WALL_STIFFNESS / self.mapping.scale * (self.slave.setpoint[:3] - self.mapping.goal[:3])
+        self._wall_wrench[:3] = force * min(1.0, most / max(math.hypot(*force), 1e-9))
+        self.master.send("body/servo_cf", self._wall_wrench)
 
     def _pass_wrench(self, wrench: Array) -> None:
         """Pass a wrench to the master, as long as its sender repeats it."""
