@@ -48,7 +48,8 @@ class Pair:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "apart.yaml"
             file.write_text(text)
-            periods = [f"{section}.period_s={STEP_S}" for section in ("io", "arm", "emulation")]
+            sections = ("io",) if boards else ("io", "arm")
+            periods = [f"{section}.period_s={STEP_S}" for section in sections]
             loaded = load_system(file, name=name, sets=["clock=paced", *periods], search=[Path("configs")],
                                  boards=boards)
         assert loaded.system is not None, loaded.errors
