@@ -45,14 +45,14 @@ class Verb:
 
 VERBS: tuple[Verb, ...] = (
     Verb("demo", "verbs.demo:demo", "Run a demo: a simulated operator moves a master, and a PSM follows.", moves=True),
-    Verb("up", "verbs.up:up", "Start a system; starting powers and moves nothing.", moves=True),
+    Verb("up", "verbs.up:up", "Start a system; nothing is powered or moved.", moves=True),
     Verb("down", "verbs.down:down", "Stop a system, and clean up after crashed systems.", moves=True),
     Verb("start", "verbs.processes:start", "Start one process of a running system.", moves=True),
     Verb("stop", "verbs.processes:stop", "Stop one process, and list the processes that depend on it.", moves=True),
     Verb("restart", "verbs.processes:restart", "Stop one process and start it again.", moves=True),
-    Verb("power-on", "verbs.power:power_on", "Enable the arms.", moves=True),
-    Verb("home", "verbs.power:home", "Home the arms; arms without power are powered on first.", moves=True),
-    Verb("power-off", "verbs.power:power_off", "Disable the arms.", moves=True),
+    Verb("power-on", "verbs.power:power_on", "Power the arms on, without homing them.", moves=True),
+    Verb("home", "verbs.power:home", "Home the arms, and power them on first where needed.", moves=True),
+    Verb("power-off", "verbs.power:power_off", "Power the arms off.", moves=True),
     Verb("send", "verbs.send:send", "Send a command to a process, e.g. an arm.", moves=True, raw=True),
     Verb("get", "verbs.properties:get", "Show the properties of processes and their values."),
     Verb("set", "verbs.properties:set_property", "Set a property of a process.", moves=True, raw=True),
@@ -98,7 +98,7 @@ VERBS: tuple[Verb, ...] = (
     )),
     Verb("convert", "verbs.convert:convert", "Convert configuration files older than dVRK 2.4."),
     Verb("doctor", "verbs.doctor:doctor", "Check this machine and suggest fixes."),
-    Verb("bench", "verbs.bench:bench", "Measure the machine and the software."),
+    Verb("bench", "verbs.bench:bench", "Measure the speed of this machine and of Trocar."),
 )
 
 PANELS = {True: "Verbs that may start, stop, power or move something",

@@ -54,17 +54,17 @@ def scope(
 ) -> int:
     """Plot fields of topics at full rate, like an oscilloscope.
 
-    Without --when, scope plots the last half second. With --when CONDITION, scope waits until the condition becomes
+    Without --when, scope plots the last 0.5 s. With --when CONDITION, scope waits until the condition becomes
     true, and plots the time around this trigger. Exit code 1: no trigger.
 
-    CONDITION is `FIELD OP VALUE`, `abs(FIELD) OP VALUE`, `event NAME WHAT` or `fault NAME`. OP is > >= < <= == or !=.
-    VALUE is a number, or a word such as FAULT. NAME is a process; WHAT is a severity, a code, or text in quotes. NAME
-    and WHAT may be left out. Combine conditions with `and`, `or`, `not` and brackets. A FIELD with several elements
-    triggers if one element meets the condition.
+    CONDITION has one of four forms: `FIELD OP VALUE`, `abs(FIELD) OP VALUE`, `event NAME WHAT`, `fault NAME`. OP is one
+    of > >= < <= == and !=. VALUE is a number, or a word such as FAULT. NAME is a process. WHAT is a severity, a code, or
+    text in quotes. NAME and WHAT may be left out. Combine conditions with `and`, `or`, `not` and brackets. A FIELD with
+    several elements triggers if one element meets the condition.
 
-    Shared memory holds the last 1.9 s, or 0.7 s in a system without boards. Older data are in recordings: --recording.
-    If --before is longer, scope collects the missing data after its start. Some fields are computed only on request;
-    scope requests them, and plots them from its start. With a recording or a crashed system, --past is implied.
+    Shared memory holds the last 1.9 s, or 0.7 s in a system without boards. If --before is longer, scope collects the
+    missing data after its start. Some fields are computed only on request: scope requests them, and plots them from its
+    start. With --recording, or after a crash, scope searches the stored data, as with --past.
 
     Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 1
 

@@ -35,7 +35,7 @@ def up(
         "--calibration-mode", "-C", help="Do not check potentiometers; only for calibration.")] = False,
     clock: ClockOption = "",
     seconds: Annotated[float | None, typer.Option(
-        "--for", min=0.0, help="Stop the system after this many seconds of real time.")] = None,
+        "--for", min=0.0, help="Time until the system stops, in seconds of real time.")] = None,
     sets: SetOption = None,
     detach: Annotated[bool, typer.Option(
         "--detach", help="Return when the system is up. The system keeps running.")] = False,
@@ -45,7 +45,7 @@ def up(
 ) -> int:
     """Start a system: all processes that the system file describes.
 
-    Starting powers and moves nothing. Ctrl-C or `trocar down` stops the system.
+    Nothing is powered or moved. Ctrl-C or `trocar down` stops the system.
 
     Example: trocar up configs/systems/demo.yaml --boards emulated --detach
     """
