@@ -58,9 +58,9 @@ def scope(
     true, and plots the time around this trigger. Exit code 1: no trigger.
 
     CONDITION has one of four forms: `FIELD OP VALUE`, `abs(FIELD) OP VALUE`, `event NAME WHAT`, `fault NAME`. OP is one
-    of > >= < <= == and !=. VALUE is a number, or a word such as FAULT. NAME is a process. WHAT is a severity, a code, or
-    text in quotes. NAME and WHAT may be left out. Combine conditions with `and`, `or`, `not` and brackets. A FIELD with
-    several elements triggers if one element meets the condition.
+    of > >= < <= == and !=. VALUE is a number, or a word such as FAULT. NAME is a process. WHAT is a severity, a code,
+    or text in quotes. NAME and WHAT may be left out. Combine conditions with `and`, `or`, `not` and brackets. A FIELD
+    with several elements triggers if one element meets the condition.
 
     Shared memory holds the last 1.9 s, or 0.7 s in a system without boards. If --before is longer, scope collects the
     missing data after its start. Some fields are computed only on request: scope requests them, and plots them from its
