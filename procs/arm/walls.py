@@ -96,7 +96,7 @@ class Walls:
 
     def place(self, governor: Governor) -> None:
         """Put all walls where they are now: they have changed, or the base frame has."""
-        governor.clip = self.clip if self._kept else None
+        governor.clip, governor.meets = self.clip if self._kept else None, self.meets
         if not self._kept and not self._is_placed:
             return
         self._is_placed = bool(self._kept)
@@ -215,6 +215,16 @@ class Walls:
             return None
         return np.asarray(np.abs(goal[:n] - self._wanted) / self._speed)
 
+    def meets(self, before: Array, goal: Array, seconds: float) -> bool:
+        """Whether `clip` may change this setpoint."""
+        limits, n = self._limits, self._count
+        if limits is not None and self.guards and not self._held:
+            limits.before[...], limits.goal[...] = before[:n], goal[:n]
+            if not limits.meets(min(1.0, seconds / SLOWING_S)):
+                self.stopped_by = "" if self._wanted is None else self.stopped_by
+                return False
+        return True
+
     def clip(self, before: Array, goal: Array, step: Array, seconds: float) -> bool:
         """Bound the setpoint `goal` (size,) of a cycle of so many seconds, in which joints change by `step` (2, size)
         at least and at most; returns whether it changed. 0 seconds: a point of a move, which only stops.
@@ -303,7 +313,7 @@ class Walls:
         return True
 
     def add(self, request: Request) -> None:
-        """A wall from now on: its name, shape and other words in the text; pose, size and margin in the values."""
+        """A wall from now on, see `wall_of`."""
         wall = wall_of(request.text, request.values)
         if not self._has_frame(wall) or len(wall.frame.encode()) > MAX_FRAME:
             raise CommandRefused(f"{wall.frame}: allowed are {', '.join(WORDS)}, and the name of another PSM or ECM")

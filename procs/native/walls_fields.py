@@ -30,7 +30,7 @@ WALLS: Final = CStruct("Walls", (
     *rows("f8", "w", margin="margin", pace="pace"),
     *rows("f8", "w s", value="value"),
     *rows("f8", "1", share="share"),
-), {"keep": ("f8", "i8"), "way": (), "look": (), "push": (), "slow": ("f8",)})
+), {"keep": ("f8", "i8"), "way": (), "look": (), "push": (), "slow": ("f8",), "meets": ("f8",)})
 """From `trocar.procs.kinematics.walls.walls.ArmWalls`."""
 
 MOVED: Final = CStruct("MovedWalls", (

@@ -111,7 +111,8 @@ class ArmWalls:
         self.look: Callable[[], int]
         self.push: Callable[[], int]
         self.slow: Callable[[float], int]
-        self.keep, self.way, self.look, self.push, self.slow = chosen(WALLS, self, "by_numpy_")
+        self.meets: Callable[[float], int]
+        self.keep, self.way, self.look, self.push, self.slow, self.meets = chosen(WALLS, self, "by_numpy_")
 
     def put(self, place: int, wall: Wall, frame: Array) -> None:
         """Set the wall at `place`, whose pose in the arm's base is `frame` (4, 4)."""
@@ -172,13 +173,8 @@ class ArmWalls:
 
         `is_step`: for one cycle, in which each distance may shrink by this `share`, and each joint move by its `step`.
         """
-        view = _View(self, self.before)
-        value = view.values
-        slower = value * (1.0 - share * self.pace[:, None])
-        slowed = np.where(value < self.NEAR, slower, 0.0) if is_step else 0.0
-        least = self._grouped(np.where(value <= 0.0, value, slowed))
+        why, least, view = self._met(share, is_step)
         samples = 0.25 * self.samples
-        why, _ = self._blocked(self.goal, least, samples, view)
         if not why:
             return 0
         low, high = np.minimum(self.lower, self.before), np.maximum(self.upper, self.before)
@@ -203,6 +199,21 @@ class ArmWalls:
         stopped, free = self._blocked(x, least, samples, share=np.zeros(1))
         self.goal[...] = self.before + free * (x - self.before) if stopped and free < 1.0 else x
         return why
+
+    def by_numpy_meets(self, share: float) -> int:
+        """Whether `keep` would change the step of a cycle."""
+        return self._met(share, 1)[0]
+
+    def _met(self, share: float, is_step: int) -> tuple[int, Array, _View]:
+        """The first pair that comes nearer than it may on the way to `goal`, plus 1, 0: none; how near each may come; and
+        the view from the beginning.
+        """
+        view = _View(self, self.before)
+        value = view.values
+        slower = value * (1.0 - share * self.pace[:, None])
+        slowed = np.where(value < self.NEAR, slower, 0.0) if is_step else 0.0
+        least = self._grouped(np.where(value <= 0.0, value, slowed))
+        return self._blocked(self.goal, least, 0.25 * self.samples, view)[0], least, view
 
     def _is_nearest(self, values: Array, pair: int) -> bool:
         """Whether a pair is the nearest of those of its segment with one other arm."""
