@@ -205,8 +205,8 @@ class ArmWalls:
         return self._met(share, 1)[0]
 
     def _met(self, share: float, is_step: int) -> tuple[int, Array, _View]:
-        """The first pair that comes nearer than it may on the way to `goal`, plus 1, 0: none; how near each may come; and
-        the view from the beginning.
+        """The first pair that comes nearer than it may on the way to `goal`, plus 1, 0: none; how near each may come;
+        and the view from the beginning.
         """
         view = _View(self, self.before)
         value = view.values
