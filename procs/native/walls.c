@@ -261,15 +261,20 @@ static void towards(const Walls *k, double (*frames)[12], const double *goal, co
   if (!solve(copy, step, m)) memset(step, 0, sizeof(double) * m);
 }
 
-/* The first pair that comes nearer than it may, `least` (w, s), on the way to `goal`, plus 1; 0: none. */
-static int64_t met(const Walls *k, double share, int64_t is_step, double *least, Nearest *found) {
-  double frames[k->n][12], points[k->p][3], at;
-  look_at(k, k->before, k->near, frames, points, found);
+/* How near each pair may come, `least` (w, s), from where it is `found`. */
+static void allowed(const Walls *k, double share, int64_t is_step, const Nearest *found, double *least) {
   for (int64_t i = 0; i < k->w * k->s; i++) {
     double value = found[i].value;
     least[i] = value <= 0.0 ? value : is_step && value < k->near ? value * (1.0 - share * k->pace[i / k->s]) : 0.0;
   }
   grouped(k, least);
+}
+
+/* The first pair that comes nearer than it may, `least` (w, s), on the way to `goal`, plus 1; 0: none. */
+static int64_t met(const Walls *k, double share, int64_t is_step, double *least, Nearest *found) {
+  double frames[k->n][12], points[k->p][3], at;
+  look_at(k, k->before, k->near, frames, points, found);
+  allowed(k, share, is_step, found, least);
   return blocked(k, k->before, k->goal, least, 0.25 * k->samples, 0.0, found, k->share, &at);
 }
 
@@ -354,14 +359,15 @@ int64_t Walls_way(const Walls *k) {
 
 /* How much of the step of a move to `goal` is slow enough before other arms, into `share`; the pair that asks for it, plus 1. */
 int64_t Walls_slow(const Walls *k, double share) {
-  double frames[k->n][12], points[k->p][3];
+  double frames[k->n][12], points[k->p][3], least[k->w * k->s];
   Nearest found[k->w * k->s], then[k->w * k->s];
   look_at(k, k->before, k->near, frames, points, found);
   look_at(k, k->goal, k->near, frames, points, then);
+  allowed(k, share, 1, found, least);
   int64_t why = 0;
   *k->share = 1.0;
   for (int64_t i = 0; i < k->w * k->s; i++) {
-    double value = found[i].value, most = share * k->pace[i / k->s] * value, nearer = value - then[i].value;
+    double value = found[i].value, most = value - least[i], nearer = value - then[i].value;
     if (k->group[i / k->s] >= 0 && value > 0.0 && value < k->near && most < *k->share * nearer)
       *k->share = most / nearer, why = i + 1;
   }

@@ -212,6 +212,21 @@ def test_an_instrument_too_near_to_another_is_retracted_along_it() -> None:
         assert tip(made)[2] == pytest.approx(here[2] + 0.03, abs=5e-4), tilt
 
 
+@pytest.mark.parametrize(("x", "tilt"), [(-0.010, 0.0), (-0.012, 0.0), (-0.012, -0.05), (-0.012, -0.1)])
+def test_a_move_retracts_an_instrument_with_a_bent_wrist_that_is_too_near_to_another(x: float, tilt: float) -> None:
+    made, there = beside()
+    made = at(made, (0.0, 0.0, 0.12, 0.0, 0.6, 0.0))
+    there.go((0.0, 0.0, 0.10, 0.0, 0.0, 0.0, 0.0))
+    turned = shifted(x)
+    turned[[0, 2], [0, 2]], turned[0, 2], turned[2, 0] = math.cos(tilt), math.sin(tilt), -math.sin(tilt)
+    there.put(turned)
+    made.run(0.1)
+    assert made.walls["distance"][0] < 0.0
+    move = made.send("move_jp", (0.0, 0.0, 0.07, 0.0, 0.6, 0.0))
+    made.until(lambda: move.outcomes[-1] != "accepted")
+    assert move.outcomes[-1] == "done", move.replies
+
+
 def test_a_goal_from_which_a_wall_kept_an_arm_is_forgotten_with_its_stream() -> None:
     for wall in (ARMS, HELD):
         made, there = beside(wall)

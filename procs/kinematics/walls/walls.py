@@ -161,9 +161,10 @@ class ArmWalls:
         distance at most, into `share`; returns the pair that asks for it, plus 1, 0: none.
         """
         value, then = _View(self, self.before).values, _View(self, self.goal).values
+        least = self._allowed(value, share, 1)
         why, self.share[0] = 0, 1.0
         for pair in np.flatnonzero((self.group[:, None] >= 0) & (value > 0.0) & (value < self.NEAR)).tolist():
-            most, nearer = share * self.pace[pair // self.s] * value.flat[pair], value.flat[pair] - then.flat[pair]
+            most, nearer = value.flat[pair] - least.flat[pair], value.flat[pair] - then.flat[pair]
             if most < self.share.item() * nearer:
                 why, self.share[0] = pair + 1, most / nearer
         return why
@@ -209,11 +210,14 @@ class ArmWalls:
         and the view from the beginning.
         """
         view = _View(self, self.before)
-        value = view.values
+        least = self._allowed(view.values, share, is_step)
+        return self._blocked(self.goal, least, 0.25 * self.samples, view)[0], least, view
+
+    def _allowed(self, value: Array, share: float, is_step: int) -> Array:
+        """How near each pair may come."""
         slower = value * (1.0 - share * self.pace[:, None])
         slowed = np.where(value < self.NEAR, slower, 0.0) if is_step else 0.0
-        least = self._grouped(np.where(value <= 0.0, value, slowed))
-        return self._blocked(self.goal, least, 0.25 * self.samples, view)[0], least, view
+        return self._grouped(np.where(value <= 0.0, value, slowed))
 
     def _is_nearest(self, values: Array, pair: int) -> bool:
         """Whether a pair is the nearest of those of its segment with one other arm."""
