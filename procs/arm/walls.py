@@ -71,8 +71,8 @@ class Walls:
                     self._kept.append(kept)
         self._limits: ArmWalls | None = None
         self._is_arranged = self._is_placed = self._keeps = self._is_followed = False
-        self._held = self._reported = ""
-        """The wall that holds the arm because it is not known where it is; the unknown ones that were reported."""
+        self._held = self._reported = self._slowed_by = ""
+        """The wall of unknown place that holds the arm; the unknown ones that were reported; what slows a move now."""
         self._count = self._now_ns = self._allowed_ns = 0
         self._wanted: Array | None = None
         """The joints (count,) of the last goal of a stream from which a wall keeps the arm."""
@@ -124,7 +124,7 @@ class Walls:
 
     def begin(self, now_ns: int) -> None:
         """A new cycle: other arms may have moved."""
-        self._now_ns, self._is_followed = now_ns, False
+        self._now_ns, self._is_followed, self._slowed_by = now_ns, False, ""
 
     def _follow(self) -> None:
         """Before anything in a cycle that needs the walls: those that move with other arms are where these are now."""
@@ -156,9 +156,10 @@ class Walls:
                 self._reports.report(codes.WALL_OFF, unknown, REPORT_NS)
 
     def _report_gone(self) -> None:
-        for row in self._neighbours.rows:
-            if row.has_gone and self._is_on():
-                self._reports.report(codes.OTHER_ARM_GONE, f"{row.wall.name}: {row.other.name} has no instrument now")
+        if gone := [row for row in self._neighbours.rows if row.has_gone and self._is_on()]:
+            text = "; ".join(f"{row.wall.name}: {row.other.name} has no instrument now" for row in gone)
+            self._reports.report(codes.OTHER_ARM_GONE, text, REPORT_NS)
+        for row in gone:
             row.has_gone = False
 
     @property
@@ -242,7 +243,7 @@ class Walls:
             name = self._name_of(limits.keep(min(1.0, seconds / SLOWING_S), 1))
         if name:
             goal[:n] = limits.goal
-        self.stopped_by = name or ("" if self._wanted is None else self.stopped_by)
+        self.stopped_by = name or self._slowed_by or ("" if self._wanted is None else self.stopped_by)
         return bool(name)
 
     def slow(self, before: Array, goal: Array, seconds: float) -> float:
@@ -251,9 +252,8 @@ class Walls:
         if limits is None or self._held or not self.guards:
             return 1.0
         limits.before[...], limits.goal[...] = before[:n], goal[:n]
-        if name := self._name_of(limits.slow(min(1.0, seconds / SLOWING_S))):
-            self.stopped_by = name
-        return limits.share.item() if name else 1.0
+        self.stopped_by = self._slowed_by = self._name_of(limits.slow(min(1.0, seconds / SLOWING_S)))
+        return limits.share.item()
 
     def objection(self, here: Array, goal: Array) -> str:
         """Why a move from `here` to `goal` (size,) would cross a wall; "": it does not."""

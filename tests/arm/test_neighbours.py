@@ -278,6 +278,29 @@ def test_an_arm_without_an_instrument_is_nowhere_and_an_unknown_one_is_the_longe
     assert float(made.walls["distance"][0]) == pytest.approx(before, abs=1e-6)
 
 
+def test_an_instrument_that_is_gone_is_reported_once_in_a_while_and_when_the_arm_is_homed_again() -> None:
+    made, there = beside()
+
+    def swap(times: int) -> int:
+        for _ in range(times):
+            there.state["instrument"][...], there.state["tool"][...] = 1, b""
+            made.run(0.1)
+            there.state["instrument"][...], there.state["tool"][...] = 4, b"LARGE_NEEDLE_DRIVER_400006"
+            made.run(0.1)
+        return sum(code == "other-arm-gone" for _, code, _ in made.reports.of("warning"))
+
+    assert swap(5) == 1
+    made.reports.events.clear()
+    made.send("state_command", (), "disable")
+    there.state["instrument"][...], there.state["tool"][...] = 1, b""
+    made.run(2.0)
+    assert not made.reports.of("warning")
+    with made.hurried():
+        made.reach("HOMED")
+        made.run(0.1)
+    assert [code for _, code, _ in made.reports.of("warning")] == ["other-arm-gone"]
+
+
 def test_two_bases_are_related_through_the_tip_of_one_of_the_arms() -> None:
     camera = FakeOther(ecm())
     q = np.array((0.1, -0.2, 0.1, 0.3))
@@ -382,6 +405,43 @@ def test_moves_of_two_arms_slow_down_before_each_other_though_they_see_each_othe
     made.run(0.1)
     assert -1e-4 < made.walls["distance"][0] < 2e-3
     assert max(steps) > 5e-4 and steps[-1] < 0.1 * max(steps) and np.abs(np.diff(steps)).max() < 1e-4, "no sudden stop"
+
+
+@pytest.mark.parametrize("cause", ["instrument", "base", "wall", "ratio", "goal"])
+def test_a_move_that_was_slowed_down_gets_faster_no_sooner_than_its_joints_accelerate(cause: str) -> None:
+    made, there = beside()
+    there.put(shifted(-0.15))
+    assert made.send("move_jp", (-0.8, 0.0, 0.12, 0.0, 0.0, 0.0)).outcomes == ["accepted"]
+    places = [made.state["setpoint_position"][:6].copy()] * 2
+
+    def run(cycles: int) -> None:
+        for _ in range(cycles):
+            made.step()
+            places.append(made.state["setpoint_position"][:6].copy())
+
+    speeds = [0.0]
+    while speeds[-1] > 0.4 * max(speeds) or max(speeds) < 0.1:
+        there.go((*(places[-1] * (-1.0, 1.0, 1.0, 1.0, 1.0, 1.0)), 0.0))  # the same motion from the other side
+        run(1)
+        speeds.append(abs(places[-1][0] - places[-2][0]) / (made.period_ns * 1e-9))
+    assert made.arm.control.walls.stopped_by == "arms: PSM2"
+    first = len(places) - 2
+    if cause == "instrument":
+        there.state["instrument"][...], there.state["tool"][...] = 1, b""
+        run(1)
+    elif cause == "base":
+        there.put(shifted(NEAR_X), known=False)
+        run(1)
+    else:
+        name, *request = {"wall": ("remove_wall", (), "arms"), "ratio": ("trajectory_j/set_ratio", (0.9,)),
+                          "goal": ("move_jp", (0.2, 0.0, 0.12, 0.0, 0.0, 0.0))}[cause]
+        assert made.send(name, *request).outcomes[-1] in ("done", "accepted")
+        places.append(made.state["setpoint_position"][:6].copy())
+    run(150)
+    rates = np.diff(places[first:], axis=0)[:, 0] / (made.period_ns * 1e-9)
+    rises = np.diff(np.abs(rates)) / (made.period_ns * 1e-9)
+    assert rises.max() <= 2.05 * made.arm.control.joints.a_max[0], "the move's own, and that of its time"
+    assert rates[-1] < -0.55 or cause in ("ratio", "goal")
 
 
 def test_snakes_and_needle_drivers_are_found_by_their_names() -> None:
