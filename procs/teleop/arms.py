@@ -77,7 +77,7 @@ class TeleopArm:
         self._goals: set[int] = set()
         self._refusal, self._refused_ns = "", -SHOWN_NS
         self._ended_ns = -SHOWN_NS
-        self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
+        self._limit, self._limited_ns, self._at_wall = "", -LIMIT_SHOWN_NS, False
         self.is_silent, self.fault, self.doubt = True, "", ""
         self.is_enabled = self.is_ready = self.has_pose = self.is_known = self._is_busy = False
         self.check = MotionCheck(name, self._pose, self.twist) if is_master else None
@@ -201,8 +201,8 @@ class TeleopArm:
 
     @property
     def is_at_wall(self) -> bool:
-        """Whether that was a wall."""
-        return AT_WALL in self.limit
+        """Whether a wall keeps it from the newest goal that it has answered, a moment ago."""
+        return self._at_wall and bool(self.limit)
 
     def errors(self) -> list[str]:
         """Errors of the arm since the last call."""
@@ -257,6 +257,7 @@ class TeleopArm:
             return  # some arms have no model of their weight
         if answer.id in self._goals:
             self._goals.discard(answer.id)
+            self._at_wall = AT_WALL in answer.text
             self.refuses_goals = answer.outcome in ("refused", "failed")
             if answer.text.partition(": ")[2].startswith(STREAM_ENDED):
                 self._ended_ns = self._now_ns
