@@ -35,7 +35,7 @@ def bench(
         "--seconds", min=0.0,
         help="Duration in s, for teleop, system, bridges, gui, recorder and rl; 0: default.")] = 0.0,
     browser: Annotated[bool, typer.Option(
-        "--browser", help="Also measure in the browser Chromium, only for gui.")] = False,
+        "--browser", help="Also measure in the Chromium browser; only for gui.")] = False,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="Value for a key of the system file, only for teleop and system.")] = None,
     as_json: JsonOption = False,
