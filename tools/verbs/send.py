@@ -35,7 +35,7 @@ def send(
 
     Without COMMAND, all commands of the process are listed. An effort or wrench acts for only 0.1 s, unless it is sent
     again (key arm.effort_timeout_s). Zero efforts act until the arm's next command: the arm can be moved by hand, and
-    only its weight is compensated.
+    only its weight is compensated. A PSM takes one number for each joint: 6 with an instrument, 7 without.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """
