@@ -34,8 +34,9 @@ def send(
     """Send a command to a process, and print the reply. Units are rad, m, s, N and N·m.
 
     Without COMMAND, all commands of the process are listed. An effort or wrench acts for only 0.1 s, unless it is sent
-    again (key arm.effort_timeout_s). If all efforts are zero, the command acts until the arm's next command. The arm
-    then only compensates its weight, and can be moved by hand.
+    again (key arm.effort_timeout_s). Exception: efforts or wrenches that are all zero act until the arm's next command.
+    The arm then only compensates its weight, and can be moved by hand. A PSM takes one number for each joint: 6 with an
+    instrument, 7 without.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """
