@@ -19,7 +19,7 @@ BAD_READS: Final = Code(
     "check the cable and the controllers' supply, then trocar home NAME", 1, POWER_OFF, "s")
 READ_MISSED: Final = Code(
     "read-missed", WARNING, "io",
-    "a read of the controllers failed; until a read succeeds, io applies the last efforts, less in each cycle",
+    "a read of the controllers failed; until a read succeeds, io applies the last efforts, reduced in each cycle",
     "rare failures are harmless; if they are frequent, check the cable and the controller", 2, NOTHING, "s")
 CURRENT: Final = Code(
     "current", ERROR, "io", "the motor current was above its limit for more than 100 cycles",
@@ -45,7 +45,7 @@ POWER_LOST: Final = Code(
     "power-lost", ERROR, "io, arm, suj", "motor power went off unexpectedly",
     "check the emergency stop and the safety chain, then trocar home NAME", 9, POWER_OFF)
 POWER_TIMEOUT: Final = Code(
-    "power-timeout", ERROR, "io, arm, suj", "motor power did not come on in 3 s",
+    "power-timeout", ERROR, "io, arm, suj", "motor power did not come on within 3 s",
     "check emergency stop, safety chain and the controllers' supply, then trocar home NAME", 10, POWER_OFF)
 POWER_FAULT: Final = Code(
     "power-fault", ERROR, "io", "a controller reports a motor supply fault",
@@ -156,7 +156,7 @@ BIAS_CHANGED: Final = Code(
     "trocar logs --commands shows which program did so; then trocar home NAME")
 IO_SWITCH: Final = Code(
     "io-switch", ERROR, "arm", "io did not carry out a request in time",
-    "remove the cause, which the event or io's log names, then trocar home NAME")
+    "remove the cause named in the event or in io's log, then trocar home NAME")
 BIAS_TIMEOUT: Final = Code(
     "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
     "check that trocar echo IO1/NAME/pot/measured_js gives the arm's real pose; then trocar home NAME")
@@ -194,7 +194,7 @@ COMMAND_REFUSED: Final = Code(
     "the message gives the reason; trocar send NAME lists the commands of NAME")
 OWN_STATE: Final = Code(
     "own-state", WARNING, "arm",
-    "a state that you added to an arm requested something impossible; the state has ended, and the arm holds",
+    "the code of a state that you added to an arm requested something impossible; the arm left the state, and holds",
     "change the state's code as the message says (docs/derived-arms.md)")
 NOT_READY: Final = Code(
     "not-ready", WARNING, "arm", "a motion command or a clutch press was ignored, because the arm is not homed",
@@ -223,7 +223,7 @@ WALL_IN_THE_WAY: Final = Code(
     "move round the wall in several moves, or remove it (docs/walls.md)")
 WALL_OFF: Final = Code(
     "wall-off", WARNING, "arm",
-    "the position of a wall is not known; as its key `unknown` says, the wall is off, or the arm holds",
+    "the position of a wall is not known; the wall's key `unknown` decides whether the wall is off or the arm holds",
     "set the base frame, or home the setup joints")
 CLIPPED: Final = Code(
     "clipped", WARNING, "arm", "a goal was beyond the limits of a joint, and was clipped",
@@ -249,7 +249,7 @@ EFFORT_TIMEOUT: Final = Code(
     "repeat efforts and wrenches at least every 0.1 s for as long as they should act")
 ORIENTATION_LOCK: Final = Code(
     "orientation-lock", WARNING, "arm", "an orientation cannot be locked, or can no longer be held",
-    "turn the gripper away from its limit")
+    "turn the master's gripper until its wrist is away from its limits")
 ADAPTER_MISSING: Final = Code(
     "adapter-missing", WARNING, "arm", "an instrument is attached, but no sterile adapter is detected",
     "check the adapter and its switch")
@@ -354,7 +354,7 @@ TELEOP_DISABLED: Final = Code(
 HEAD_SENSOR: Final = Code(
     "head-sensor", WARNING, "console",
     "the head sensor was plugged in or unplugged; without a sensor, the operator counts as absent",
-    "if it should be plugged in, check its cable, and that its device may be read")
+    "if it should be plugged in, check its cable, and the permission to read its device file")
 TELEOP_REFUSED: Final = Code("teleop-refused", WARNING, "console", "a teleoperation refused a request of the console",
                              "trocar status shows the teleoperation's reason")
 SYSTEM_INCOMPLETE: Final = Code("system-incomplete", ERROR, "system", "power_on, home or power_off did not succeed for "

@@ -91,8 +91,8 @@ def commission(
         "--report", help="Report file; default: commission-SYSTEM.json.")] = None,
     pack_into: Annotated[Path | None, typer.Option(
         "--pack", metavar="FILE",
-        help="New .tar.gz file for the report, configuration files, logs, recordings and version "
-        "numbers, ready to send. No stage is run.")] = None,
+        help="Pack report, configuration files, logs, recordings and version numbers into a new .tar.gz "
+        "file, ready to send. No stage is run.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="Value for a key of the file's `trocar:` section.")] = None,
     as_json: JsonOption = False,

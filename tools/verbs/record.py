@@ -43,7 +43,7 @@ def record(
     detach: Annotated[bool, typer.Option(
         "--detach", help="Return when the recording has begun. --stop ends the recording.")] = False,
     keep: Annotated[bool, typer.Option(
-        "--keep", help="Save the last few minutes now, as after a fault; NAME is stored as the reason.")] = False,
+        "--keep", help="Make the recorder save its last minutes, as after a fault; NAME is stored as reason.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

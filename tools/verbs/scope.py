@@ -63,8 +63,9 @@ def scope(
     with several elements triggers if any of them meets the condition.
 
     Shared memory holds the last 1.9 s, or the last 0.7 s if all arms are KINEMATIC. If --before is longer and the
-    trigger comes soon, the plot begins later. Some fields are computed only on request. The plot of such a field begins
-    when scope starts. With --recording, or after a crash, scope searches the stored data, as with --past.
+    trigger comes soon after the start of scope, the plot shows less of the time before the trigger. Some fields are
+    computed only on request. The plot of such a field begins when scope starts. With --recording, or after a crash,
+    scope searches the stored data, as with --past.
 
     Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 1
 
