@@ -6,6 +6,7 @@ which is the same for all arms of a type.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -41,13 +42,19 @@ class ReadingsByHand:
         self._sum, self.count = np.zeros((axes, ENTRIES)), np.zeros((axes, ENTRIES), dtype=np.int64)
         self._low, self._high = np.full((axes, ENTRIES), np.inf), np.full((axes, ENTRIES), -np.inf)
 
-    def add(self, readings: NDArray[np.integer], positions: Floats) -> None:
-        """Samples (k, axes)."""
-        where = np.broadcast_to(self._row, readings.T.shape), readings.T
-        np.add.at(self._sum, where, positions.T)
+    def add(self, readings: NDArray[np.integer], positions: Floats, axes: Sequence[int] | None = None) -> None:
+        """Samples (k, axes); only those of some `axes` count."""
+        some = slice(None) if axes is None else list(axes)
+        codes, values = readings.T[some], positions.T[some]
+        where = np.broadcast_to(self._row[some], codes.shape), codes
+        np.add.at(self._sum, where, values)
         np.add.at(self.count, where, 1)
-        np.minimum.at(self._low, where, positions.T)
-        np.maximum.at(self._high, where, positions.T)
+        np.minimum.at(self._low, where, values)
+        np.maximum.at(self._high, where, values)
+
+    def forget(self, axis: int) -> None:
+        """Nothing of this axis was read yet."""
+        self._sum[axis], self.count[axis], self._low[axis], self._high[axis] = 0.0, 0, np.inf, -np.inf
 
     def range(self) -> Floats:
         """Widths (axes,) of the positions so far; 0 before the first sample."""
