@@ -59,6 +59,9 @@ class PersonSim:
     def show(self, line: str) -> None:
         """Not shown."""
 
+    def progress(self, line: str) -> None:
+        note(line)
+
     def report(self, line: str) -> None:
         note(line)
 

@@ -32,7 +32,8 @@ def send(
 
     Without a command: list the commands of the component. An effort or wrench that is sent only once times out after
     0.1 s (arm.effort_timeout_s). An effort of zero does not time out: it leaves the arm free, with only its weight
-    compensated, until the arm's next command.
+    compensated, until the arm's next command. A PSM takes one number a joint: 6 with an instrument, as in the example;
+    7 without one.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """
