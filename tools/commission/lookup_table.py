@@ -76,13 +76,12 @@ class ReadingsByHand:
             return np.zeros(0), f"{inner.max()} readings in a row are missing"
         means = self._sum[axis][ordered] / count[ordered]
         low, high = RANGES[kind][axis]
+        spread = float((self._high[axis] - self._low[axis])[ordered].max())  # first: means of other axes' positions lie
+        if not spread <= MAX_SPREAD * (high - low) / (int(steps[-1]) + 1):
+            return np.zeros(0), f"positions at one reading differ by {spread:.4g}"
         width = float(means.max() - means.min())
         if not abs(width / (high - low) - 1.0) <= RANGE_WITHIN:
             return np.zeros(0), f"its range is {width:.4g}"
-        step = width / (int(steps[-1]) + 1)
-        spread = float((self._high[axis] - self._low[axis])[ordered].max())
-        if not spread <= MAX_SPREAD * step:
-            return np.zeros(0), f"positions at one reading differ by {spread:.4g}"
         middle = SENSES[kind][axis] * 0.5 * (low + high)
         filled = np.interp(np.arange(steps[-1] + 1), steps, means) + middle - 0.5 * (means.max() + means.min())
         table = np.full(ENTRIES, MISSING)

@@ -75,15 +75,16 @@ def _allowed(subject: Subject, axis: int) -> str:
 
 def _move(bench: RunningBench, subject: Subject, seen: ReadingsByHand, axes: Sequence[int]) -> None:
     """Note what the encoders show at each reading while the person moves these axes; everything is off afterwards."""
-    which = "every axis" if len(axes) == len(subject.names) else ", ".join(f"axis {k} ({subject.names[k]})" for k in axes)
+    every = len(axes) == len(subject.names)
+    which = f"every axis of {subject.name}" if every else ", ".join(map(subject.title, axes))
     expected = np.array([high - low for low, high in RANGES[subject.kind]])
     try:
         bench.enable(subject)
         answer, _ = bench.asked(subject.io, "brake_release", (), subject.name, 2.0)
         if not answer.is_done:
             raise Problem(f"{subject.whole()}: io: {answer.text}")
-        for _ in bench.person.doing(Sweep(subject), f"Move {which} of {subject.name} slowly from stop to stop, back and "
-                                    "forth, until each shows 95 to 105 % and no more than before."):
+        for _ in bench.person.doing(Sweep(subject), f"Move {which} slowly from stop to stop, back and forth, "
+                                    "until each shows 95 to 105 % and no more than before."):
             window = bench.sample(subject.io, LOOK_S)
             if not window.flags("powered", subject).all():
                 raise Problem(f"{subject.whole()}: its power went off, its brakes hold; trocar logs has the cause")
