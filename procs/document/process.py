@@ -54,8 +54,8 @@ def processes_of(data: bytes) -> tuple[Process, ...]:
         raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
 
 
-CALIBRATION_MODE: Final = ("calibration mode: potentiometers are not compared with encoders, and motors of Si arms stay "
-                           "off; use it for calibration only, and restart without it for anything else")
+CALIBRATION_MODE: Final = ("calibration mode: potentiometers are not compared with encoders, and motors of Si arms "
+                           "stay off; use it for calibration only, and restart without it for anything else")
 
 
 def remarks_of(data: bytes) -> tuple[bool, str]:

@@ -45,7 +45,7 @@ COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
 
 def system_remarks(system: str) -> tuple[bool, str]:
-    """Whether the system is in calibration mode, and why its rings keep less than usual; no remarks if it is unknown."""
+    """Whether the system is in calibration mode, and why its rings keep less than usual; neither if it is unknown."""
     with contextlib.suppress(SegmentError, ValueError):
         return remarks_of(directory.document(system))
     return False, ""
