@@ -9,6 +9,7 @@ import pytest
 from tests.system.robot import SLOWER, Robot
 from trocar.procs.config import PROJECT_CONFIGS
 from trocar.procs.document.process import CALIBRATION_MODE
+from trocar.procs.tables.codes import CALIBRATION_MOTORS
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 CALIBRATING = ("--set", "calibration_mode=true", *SLOWER)
@@ -31,4 +32,4 @@ def test_an_si_arm_does_not_home_in_it_and_says_why(robot: Robot) -> None:
     robot.up(PROJECT_CONFIGS / "systems" / "demo-psm-si.yaml", "--boards", "emulated", *CALIBRATING)
     refused = robot.types("home", timeout=300)
     assert refused.returncode == 1
-    assert "in calibration mode the motor amplifiers of a dRA1 stay off" in " ".join(refused.stdout.split())
+    assert CALIBRATION_MOTORS.cause in " ".join(refused.stdout.split())
