@@ -202,7 +202,7 @@ class TeleopArm:
     @property
     def is_at_wall(self) -> bool:
         """Whether a wall keeps it from the newest goal that it has answered, a moment ago."""
-        return self._at_wall and bool(self.limit)
+        return self._at_wall and AT_WALL in self.limit
 
     def errors(self) -> list[str]:
         """Errors of the arm since the last call."""

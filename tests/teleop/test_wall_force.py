@@ -110,8 +110,10 @@ def test_after_an_interruption_the_force_grows_from_0(cause: str) -> None:
     if cause == "clutch":
         harness.send("clutch", 1)
         assert forces(harness)[-1] == (0.0, 0.0, 0.0)
+        harness.forget()
         harness.send("clutch", 0)
-        harness.run(0.01)
+        harness.run(0.02)
+        assert harness.following and not any(sizes(harness))
     elif cause == "refusal":
         harness.slave.refuses["servo_cp"] = "no"
         harness.run(0.01)
