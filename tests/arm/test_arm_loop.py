@@ -29,7 +29,8 @@ PATIENCE = 30_000  # cycles of 1 ms, of which a busy machine has fewer
 ARM = """
 import runpy, sys
 import trocar.procs.arm.readings
-trocar.procs.arm.readings.LATE_NS = 5_000_000_000  # io is this test, which a busy machine holds up
+readings = trocar.procs.arm.readings  # io is this test, which a busy machine delays
+readings.LATE_NS = readings.ArmReadings.LATE_NS = 5_000_000_000
 sys.argv[1:] = ["--system", sys.argv[1], "--name", "PSM1"]
 runpy.run_module("trocar.procs.arm.loop", run_name="__main__")
 """
@@ -96,10 +97,11 @@ class ArmLoopBench:
 
     def ask(self, name: str, values: Any = (), text: str = "") -> str:
         number = self.client.send(name, values, text)
-        outcomes: list[str] = []
-        self.until(lambda: outcomes.extend(r.outcome for r in self.client.poll() if r.id == number) or
-                   (outcomes and outcomes[-1] != "accepted"), f"{name} {text}")
-        return outcomes[-1]
+        replies: list[tuple[str, str]] = []
+        self.until(lambda: replies.extend((r.outcome, r.text) for r in self.client.poll() if r.id == number) or
+                   (replies and replies[-1][0] != "accepted"), f"{name} {text}")
+        print(replies)  # shown if the test fails
+        return replies[-1][0]
 
     def close(self) -> None:
         self.world.kill(self.child)
