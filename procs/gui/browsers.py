@@ -79,6 +79,8 @@ class Browser:
                  is_outdated: bool = False) -> None:
         """`name`: its address and port, which no other one has; `is_outdated`: its pages are not those of this run."""
         self.name, self._is_outdated = name, is_outdated
+        self.person = name
+        """Name of its operator, once given; several browsers may have the same."""
         self.wants: tuple[str, ...] = ()
         self.has_control = False
         """As last reported to the page."""
@@ -153,8 +155,9 @@ class Browser:
             control.drop(self.name)
         elif self._is_outdated:
             raise WrongMessage("this page is outdated: load it again")
-        elif (holder := control.take(self.name, now_ns, over=asked.parts["over"])) != self.name:
-            raise WrongMessage(f"{holder} has control")
+        elif control.take(self.name, now_ns, over=asked.parts["over"]) != self.name:
+            raise WrongMessage("another page has control")
+        self.person = asked.parts["person"] or self.person
 
     def _call(self, asked: Message, now_ns: int) -> None:
         served, parts = self._served, asked.parts
@@ -215,8 +218,11 @@ class Browser:
         for call, reply in self._calls.replies():
             self._say("reply", call.id, to=call.to, command=call.command, outcome=reply.outcome, text=reply.text)
 
-    def show(self, number: int, holder: str) -> None:
-        """Queue the changes of its data; all of the data if the page does not take its messages."""
+    def show(self, number: int, holder: str, person: str) -> None:
+        """Queue the changes of its data; all of the data if the page does not take its messages.
+
+        `holder`, `person`: browser in control, and its operator.
+        """
         counts, parts = self._served.counts, []
         if len(self._ticks) == PENDING:
             counts.lost += PENDING
@@ -228,7 +234,7 @@ class Browser:
                 self._shown[name] = part
                 parts.append(part)
         self.has_control = holder == self.name
-        head = said("tick", number, control=holder, you=self.has_control)[:-1]
+        head = said("tick", number, control=person, you=self.has_control)[:-1]
         self._ticks.append(head + b',"data":{' + b",".join(parts) + b"}}")
         counts.sent += 1
         self._news.set()
@@ -275,18 +281,23 @@ class Browsers:
         self.all.discard(browser)
         browser.gone()
 
+    def person(self, holder: str) -> str:
+        """Name of the operator in control; empty: there is none."""
+        return next((browser.person for browser in self.all if browser.name == holder), "")
+
     def tick(self, now_ns: int) -> None:
         """Once a cycle: one message to each page with all its data; each value is read once for all pages."""
         served = self.served
         holder, number = served.control.holder(now_ns), served.ticks.add(now_ns, served.generation())
         self._held.tick(holder, served.control.is_free(now_ns))
         served.sources.begin(now_ns)
+        person = self.person(holder)
         for browser in self.all:
             browser.begin()
             browser.look()
             # A hidden page is also informed when it gains or loses control.
             if browser.wants or browser.name == holder or browser.has_control:
-                browser.show(number, holder)
+                browser.show(number, holder, person)
 
     def forget(self, why: str) -> None:
         """Messages received meanwhile are out of date: all pages are disconnected, none has control."""

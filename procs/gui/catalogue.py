@@ -14,10 +14,13 @@ from trocar.procs.gui.processes_source import ProcessesSource
 from trocar.procs.gui.robots import PinsSource, RobotSource, gains_source, robots_of
 from trocar.procs.gui.scene_source import SceneSource
 from trocar.procs.gui.sources import Maker, RecordSource, Sources
+from trocar.procs.gui.strip_source import StripSource
+from trocar.shm.system.events import ERROR
 
 KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
 """Kinds whose state pages show."""
 MESSAGES, PROCESSES, SCENE, BUTTONS, PLOT, LOG = "messages", "processes", "scene", "buttons", "plot", "log"
+STRIP, ALARMS = "strip", "alarms"
 
 
 def record(instance: str, ring: str = "state") -> str:
@@ -51,4 +54,6 @@ def sources_of(document: SystemConfig) -> Sources:
     makers[MESSAGES] = partial(MessagesSource, document)
     makers[PROCESSES] = partial(ProcessesSource, document)
     makers[SCENE] = partial(SceneSource, document)
+    makers[ALARMS] = partial(MessagesSource, document, ERROR)
+    makers[STRIP] = partial(StripSource, document)
     return Sources(makers, {PLOT: partial(plot_of, document), LOG: partial(log_of, document)})

@@ -22,7 +22,7 @@ from trocar.procs.gui.browsers import Browsers, ConsoleService
 from trocar.procs.gui.catalogue import sources_of
 from trocar.procs.gui.gate import Gate
 from trocar.procs.gui.pages.application import application, name_of, texts_of_pages
-from trocar.procs.gui.pages.frame import power_off
+from trocar.procs.gui.pages.strip import power_off
 from trocar.procs.gui.scene_source import ArmModels
 from trocar.procs.machine.access import tls_of, token_in
 from trocar.procs.machine.paths import token_file
@@ -98,8 +98,9 @@ class GuiLoop(ServingLoop):
     def shown(self, now_ns: int) -> dict[str, Any]:
         """Activity of the pages."""
         browsers, counts = self._browsers.all, self._browsers.served.counts
+        holder = self._browsers.served.control.holder(now_ns)
         return {"browsers": len(browsers), "watching": sum(bool(browser.wants) for browser in browsers),
-                "controlling": self._browsers.served.control.holder(now_ns).encode()[:40], "sent": counts.sent,
+                "controlling": self._browsers.person(holder).encode()[:40], "sent": counts.sent,
                 "lost": counts.lost, "commands": counts.commands, "refused": counts.refused}
 
     async def disconnect(self) -> None:

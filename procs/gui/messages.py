@@ -9,6 +9,7 @@ from trocar.procs.crtk.messages import FLAG, NO_WORD, SOME_NUMBERS, VALUES, WORD
 
 MAX_SOURCES: Final = 64
 MAX_NAME: Final = 160
+MAX_PERSON: Final = 24
 
 
 def _names(value: Any) -> Any:
@@ -24,14 +25,22 @@ def _count(value: Any) -> Any:
     raise ValueError
 
 
+def _person(value: Any) -> Any:
+    if isinstance(value, str) and len(value) <= MAX_PERSON and value.isprintable():
+        return value.strip()
+    raise ValueError
+
+
 TICK: Final = MessagePart("the number of a tick", _count, 0)
 """The newest tick that the page has received; without it a request counts as old."""
 SINCE: Final = MessagePart("the number of a tick", _count, 0)
 """The tick at which a person pressed for a sequence of which this is a step; 0: just now."""
+PERSON: Final = MessagePart(f"a name of up to {MAX_PERSON} characters", _person, "")
+"""The operator's name, which the other pages show; by default the browser's address and port."""
 OPS: Final[Ops] = {
     "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
     "beat": {"tick": TICK},
-    "control": {"take": FLAG, "over": replace(FLAG, default=False)},
+    "control": {"take": FLAG, "over": replace(FLAG, default=False), "person": PERSON},
     "preview": {"arm": WORD, "position": SOME_NUMBERS, "pose": SOME_NUMBERS},
     "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": replace(FLAG, default=False),
             "tick": TICK},

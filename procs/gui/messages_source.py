@@ -20,7 +20,9 @@ A_LOOK: Final = 32
 class MessagesSource:
     """The newest messages of all processes, oldest first."""
 
-    def __init__(self, document: SystemConfig) -> None:
+    def __init__(self, document: SystemConfig, least: int = STATUS) -> None:
+        """`least`: severity from which on they are kept; with ERROR, the alarms."""
+        self._least = least
         named = {row.name for row in document.processes}
         self._readers: list[tuple[str, RingReader]] = []
         for name, reader in event_rings(document.name):
@@ -58,14 +60,14 @@ class MessagesSource:
         while reader.next():
             pass
         newest = len(kept) - OLDER
-        return [row for i, row in enumerate(kept) if row["severity"] >= (STATUS if i >= newest else ERROR)]
+        return [row for i, row in enumerate(kept) if row["severity"] >= (self._least if i >= newest else ERROR)]
 
     def _new(self, reader: RingReader) -> list[Any]:
         found = []
         for _ in range(A_LOOK):
             if not reader.next():
                 break
-            if int(reader.field("severity")) >= STATUS:
+            if int(reader.field("severity")) >= self._least:
                 found.append({key: reader.field(key)[()] for key in (*FIELDS, "component")})
         return found
 

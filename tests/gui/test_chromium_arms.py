@@ -283,7 +283,7 @@ def test_one_of_two_browsers_has_control_and_loses_it(page: BrowserPage) -> None
         assert other.js("return document.body.dataset.control") != "you"
         other.take_control()
         one.until("document.body.dataset.control === 'other'")
-        assert "another page took it" in one.find("#control-lost").text
+        assert "Tester took it" in one.find("#control-lost").text
         other.driver.get("about:blank")
         one.until("document.body.dataset.control === 'none'")
         one.take_control()

@@ -9,6 +9,7 @@ from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.element import Part
 from trocar.procs.gui.pages.parts import box, button, head, live, teleop_reason
+from trocar.procs.gui.pages.strip import teleop_calls
 
 PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
                  ("camera", "camera", "emulate_camera"))
@@ -28,9 +29,9 @@ def console_page(document: SystemConfig) -> None:
 
 def teleop_buttons(name: str) -> None:
     """Start and stop the teleoperations of a console."""
-    button("Start teleoperation", [[(name, "teleop_enable", [1], "")]], id=f"start-{name}",
+    button("Start teleoperation", teleop_calls(name, 1), id=f"start-{name}",
            confirm="Start teleoperation? Masters move to align.")
-    button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet")
+    button("Stop", teleop_calls(name, 0), "quiet")
 
 
 def _console(console: Console, teleops: list[str]) -> None:

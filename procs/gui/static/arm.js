@@ -1,5 +1,5 @@
 // The page of an arm: jog while held, goals as people type them, a preview in 3D before anything moves.
-import { ask, asked, fixed, jogBegins, note, onTick, sourceAge, value } from "./live.js";
+import { ask, asked, fixed, heldByKey, jogBegins, note, onTick, sourceAge, value } from "./live.js";
 import { inUnits, onUnits, perUnit, typed, unit, units } from "./units.js";
 
 const page = document.querySelector("[data-arm]");
@@ -118,10 +118,7 @@ page.addEventListener("click", async (event) => {
   }
 });
 
-page.addEventListener("pointerdown", (event) => {
-  const button = event.target.closest("button.jog");
-  if (!button || event.button) return;
-  event.preventDefault();
+function jogs(button) {
   const i = Number(button.dataset.joint);
   const sign = Number(button.dataset.sign);
   if (button.dataset.twist) {
@@ -139,7 +136,14 @@ page.addEventListener("pointerdown", (event) => {
     velocity[i] = sign * speed() * (slides(i) ? FULL.slides : FULL.turns);
     return { op: "call", to: arm, command: "servo_jv", values: velocity };
   });
+}
+page.addEventListener("pointerdown", (event) => {
+  const button = event.target.closest("button.jog");
+  if (!button || event.button) return;
+  event.preventDefault();
+  jogs(button);
 });
+heldByKey("button.jog", jogs);
 page.addEventListener("contextmenu", (event) => event.target.closest("button.jog") && event.preventDefault());
 
 let isRead = false;

@@ -1,5 +1,5 @@
 // Switches, which show whether something is on, and forms: inputs whose values go out with a command.
-import { asked, call, confirmed, hasControl, note, onTick, perform, send, value } from "./live.js";
+import { asked, call, confirmed, hasControl, heldByKey, note, onTick, perform, send, value } from "./live.js";
 import { perUnit, typed, unit, units } from "./units.js";
 
 // The typed text as the number to send; null if it is not a number, or too large.
@@ -38,7 +38,7 @@ async function flip(button) {
   const on = value(button.dataset.switch);
   if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
   const question = on ? button.dataset.confirmOff : button.dataset.confirmOn;
-  if (question && !(await confirmed(question))) return;
+  if (question && !(await confirmed(question, button))) return;
   perform(button, JSON.parse(on ? button.dataset.stepsOff : button.dataset.stepsOn));
 }
 
@@ -85,8 +85,9 @@ document.addEventListener("pointerdown", (event) => {
   const button = event.target.closest("button[data-hold]");
   if (button && !event.button) holdOn(button);
 });
+heldByKey("button[data-hold]", holdOn);
 document.addEventListener("contextmenu", (event) => event.target.closest("button[data-hold]") && event.preventDefault());
-for (const name of ["pointerup", "pointercancel", "visibilitychange", "pagehide"]) window.addEventListener(name, letGo, true);
+for (const name of ["pointerup", "pointercancel", "keyup", "focusout", "visibilitychange", "pagehide"]) window.addEventListener(name, letGo, true);
 window.addEventListener("blur", letGo); // of the window, not of the previously focused element
 
 document.addEventListener("click", (event) => {

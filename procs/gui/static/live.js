@@ -85,6 +85,11 @@ function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+function isOn(element, is) {
+  element.classList.toggle("on", is);
+  if (element.tagName === "BUTTON") element.setAttribute("aria-pressed", String(is));
+}
+
 export function render() {
   const connected = isConnected();
   for (const element of document.querySelectorAll("[data-live]")) {
@@ -95,7 +100,7 @@ export function render() {
     if (element.dataset.tone !== undefined) element.dataset.tone = v === undefined || v === null ? "" : String(v);
   }
   for (const element of document.querySelectorAll("[data-show]")) element.hidden = !holds(element.dataset.show);
-  for (const element of document.querySelectorAll("[data-on]")) element.classList.toggle("on", holds(element.dataset.on));
+  for (const element of document.querySelectorAll("[data-on]")) isOn(element, holds(element.dataset.on));
   for (const element of document.querySelectorAll("[data-unit]")) put(element, unit(element.dataset.unit === "p"));
   for (const element of document.querySelectorAll("[data-source]")) {
     const age = sourceAge(element.dataset.source);
@@ -108,7 +113,7 @@ export function render() {
 
 // --- connection
 
-const isConnected = () => socket?.readyState === 1 && performance.now() - lastTick < 1500;
+export const isConnected = () => socket?.readyState === 1 && performance.now() - lastTick < 1500;
 
 function wants() {
   if (document.hidden) return [];
@@ -199,9 +204,9 @@ function heed(message) {
     }
     const isMissed = expected && lastTick > expected;
     if (message.you) lost = "";
-    else if (isMissed || (you && !isGiven)) lost = message.control ? "another page took it" : "this page was silent for too long";
+    else if (isMissed || (you && !isGiven)) lost = message.control ? `${message.control} took it` : "this page was silent for too long";
     if (message.you || isMissed) expected = 0;
-    if (expected && !message.control) say({ op: "control", take: true }); // the page before was still there
+    if (expected && !message.control) say({ op: "control", take: true, person: person() }); // the page before was still there
     isGiven &&= message.you;
     you = message.you;
     holder = message.control;
@@ -216,20 +221,40 @@ function heed(message) {
   }
 }
 
+// Actions of a page without control: disabled, but they explain why when they are pressed.
+const commands = document.getElementsByClassName("commands");
+let marked = "";
+function mark() {
+  const key = `${you} ${commands.length}`;
+  if (key === marked) return;
+  marked = key;
+  for (const button of commands) you ? button.removeAttribute("aria-disabled") : button.setAttribute("aria-disabled", "true");
+}
+
+// Nothing can be sent: a red bar, and buttons that look so.
+function offline() {
+  const silent_s = Math.floor((performance.now() - lastTick) / 1000);
+  const isOff = !isConnected() && silent_s >= 2;
+  const why = refused ? `${refused}. ` : "";
+  const rest = "Power off cannot be sent: use the emergency stop.";
+  document.getElementById("offline").hidden = !isOff;
+  put(document.querySelector("#offline .lost"), isOff ? `${why || "No connection. "}${rest}` : "");
+  put(document.querySelector("#offline .since"), `${why || `No connection for ${silent_s} s. `}${rest}`);
+}
+
 function shown() {
   document.body.dataset.connection = isConnected() ? "live" : "lost";
-  const status = document.querySelector(".bar .lost");
-  if (status) put(status, refused || "not connected");
+  offline();
+  mark();
   const without = document.getElementById("control-lost");
   put(without, lost && `Control lost: ${lost} ×`);
   without.hidden = !lost;
   document.body.dataset.control = you ? "you" : holder ? "other" : "none";
   const button = document.getElementById("control");
   if (localStorage.getItem("first-steps") === "closed") document.getElementById("first-steps")?.remove();
-  if (button) {
-    put(button, you ? "You have control" : holder ? "Take over control" : "Take control");
-    button.title = you ? "Give control back" : holder ? `${holder} has control` : "This page is read-only until then";
-  }
+  put(button, you ? "Give back" : holder ? "Take over" : "Take control");
+  button.title = you ? "Give control back" : holder ? `${holder} has control` : "This page is read-only until then";
+  put(document.getElementById("holder"), you ? `Control: you, ${holder}` : holder ? `Control: ${holder}` : "Control: free");
   render();
 }
 
@@ -271,11 +296,20 @@ export function note(element, kind, text) {
 
 // A dialog covers the page but for its bar: Power off stays in reach, which a modal one would shut away.
 let left = null; // the element that had the focus before
-function opens(dialog) {
+function opens(dialog, at = null) {
   noted?.remove(); // a refusal from before would be read as an answer to the question
   left ??= document.activeElement;
   document.querySelector("main.content").inert = true;
   if (!dialog.open) dialog.show();
+  dialog.style.inset = dialog.style.margin = ""; // in the middle, or beside the button that asks
+  const box = at?.getClientRects()[0];
+  if (!box) return;
+  const { width, height } = dialog.getBoundingClientRect();
+  const under = box.bottom + height + 12 < innerHeight;
+  const strip = document.querySelector(".strip").getBoundingClientRect().bottom;
+  const top = Math.max(strip + 6, under ? box.bottom + 6 : box.top - height - 6);
+  dialog.style.margin = 0;
+  dialog.style.inset = `${top}px auto auto ${Math.max(8, Math.min(innerWidth - width - 8, box.left))}px`;
 }
 document.addEventListener("close", () => {
   const isOpen = document.querySelector("dialog[open]") !== null;
@@ -290,19 +324,19 @@ document.addEventListener("keydown", (event) => {
   const dialog = document.querySelector("dialog[open]");
   if (event.key !== "Tab" || !dialog) return;
   event.preventDefault();
-  const round = [...dialog.querySelectorAll("button"), document.getElementById("power-off")];
+  const round = [...dialog.querySelectorAll("input, button"), document.getElementById("stop"), document.getElementById("power-off")];
   const next = round.indexOf(document.activeElement) + (event.shiftKey ? -1 : 1);
   round.at(next % round.length).focus();
 });
 
 // One question at a time: a new one answers the one before with no.
 let pending = null;
-export function confirmed(text) {
+export function confirmed(text, at) {
   pending?.(false);
   const dialog = document.getElementById("confirm");
   document.getElementById("confirm-text").textContent = text;
   dialog.returnValue = "";
-  opens(dialog);
+  opens(dialog, at);
   return new Promise((resolve) => (pending = resolve));
 }
 document.addEventListener("close", ({ target }) => {
@@ -343,7 +377,7 @@ export async function asked(button, steps, free) {
     note(button, "bad", "Take control first: this page is read-only.");
     return false;
   }
-  if (button.dataset.confirm && !(await confirmed(button.dataset.confirm))) return false;
+  if (button.dataset.confirm && !(await confirmed(button.dataset.confirm, button))) return false;
   return perform(button, steps);
 }
 
@@ -355,8 +389,23 @@ async function control(button) {
   lost = "";
   if (you) isGiven = say({ op: "control", take: false }) !== false;
   else if (isOutdated) note(button, "bad", "This page is outdated: load the new one first.");
-  else if (!holder || (await confirmed(`${holder} has control. Take it over?`)))
-    say({ op: "control", take: true, over: Boolean(holder) });
+  else if ((person() || (await named(button))) && (!holder || (await confirmed(`${holder} has control. Take it over?`, button))))
+    say({ op: "control", take: true, over: Boolean(holder), person: person() });
+}
+
+// The name of the person at this browser, which other pages show: asked once, kept in the browser.
+const person = () => localStorage.getItem("person") || "";
+function named(at) {
+  const dialog = document.getElementById("person");
+  const input = document.getElementById("person-name");
+  input.value = person();
+  dialog.returnValue = "";
+  opens(dialog, at);
+  input.focus();
+  return new Promise((resolve) => dialog.addEventListener("close", () => {
+    if (dialog.returnValue === "yes") localStorage.setItem("person", input.value.trim().slice(0, input.maxLength));
+    resolve(dialog.returnValue === "yes" && person());
+  }, { once: true }));
 }
 
 document.addEventListener("click", (event) => {
@@ -369,6 +418,7 @@ document.addEventListener("click", (event) => {
     if (button.dataset.free !== undefined) stops += 1;
     asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
   } else if (button.dataset.view) document.querySelector(".stage").stage.look(button.dataset.view);
+  else if (button.dataset.does === "person") document.querySelector("dialog[open]")?.close(""), named();
   else if (button.dataset.opens) opens(document.getElementById(button.dataset.opens));
   else if (button.dataset.does === "dismiss") {
     localStorage.setItem("first-steps", "closed");
@@ -376,6 +426,16 @@ document.addEventListener("click", (event) => {
   } else if (button.dataset.does === "units") turnUnits();
   else if (button.dataset.does === "theme") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
 });
+
+// A button that works while it is held works with the space bar, too: its first press counts, not its repetitions.
+export function heldByKey(css, begins) {
+  document.addEventListener("keydown", (event) => {
+    const button = event.key === " " && event.target.closest(css);
+    if (!button) return;
+    event.preventDefault();
+    if (!event.repeat) begins(button);
+  });
+}
 
 // A held jog: sent every 50 ms while pressed; the arm ends it by itself 0.1 s after the last message.
 let jog = null; // { button, timer, isOver }
@@ -407,7 +467,7 @@ export function jogBegins(button, make) {
   mine.timer = setInterval(push, 50);
   push();
 }
-for (const name of ["pointerup", "pointercancel", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
+for (const name of ["pointerup", "pointercancel", "keyup", "focusout", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
 window.addEventListener("blur", jogEnds); // of the window: the element focused before the button loses its focus, too
 document.addEventListener("visibilitychange", () => (jogEnds(), want()));
 
@@ -417,11 +477,12 @@ window.addEventListener("pagehide", () => you && sessionStorage.setItem("control
 
 // --- keys, theme
 
-const KEYS = { o: "power-off", p: "power-on", h: "home" };
+const KEYS = { o: "power-off", s: "stop", p: "power-on", h: "home", t: "start-teleop" };
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey && !event.altKey && KEYS[event.key.toLowerCase()]) {
+  const key = event.key.toLowerCase();
+  if ((event.ctrlKey !== event.altKey) && (event.ctrlKey || key === "t") && KEYS[key]) {
     event.preventDefault();
-    document.getElementById(KEYS[event.key.toLowerCase()])?.click();
+    if (!event.repeat) document.getElementById(KEYS[key])?.click();
   } else if (event.key === "?" && !/INPUT|TEXTAREA|SELECT/.test(document.activeElement?.tagName || ""))
     opens(document.getElementById("help"));
   else if (event.key === "Escape") document.querySelector("dialog[open]")?.close("");
@@ -477,7 +538,7 @@ document.addEventListener("change", messages);
 
 export function start() {
   theme(localStorage.getItem("theme") || (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"));
-  document.getElementById("power-off").disabled = false;
+  for (const name of ["stop", "power-off"]) document.getElementById(name).disabled = false;
   connect();
   setInterval(() => say({ op: "beat" }), 500);
   setInterval(() => (want(), shown()), 250);

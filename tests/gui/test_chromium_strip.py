@@ -1,0 +1,160 @@
+"""The strip of every page in a real browser: arms, alarms, control by name, the next step, Stop, and no connection."""
+
+from __future__ import annotations
+
+import pytest
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.keys import Keys
+
+from tests.gui.chromium import SIZES, BrowserPage, chromium
+from tests.gui.test_chromium import KINEMATIC, served
+from tests.system.conftest import records as records
+from tests.system.conftest import robot as robot
+from tests.system.conftest import robots as robots
+from tests.system.robot import Robot
+
+pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated("paced")]
+WORD = "document.querySelector('[data-arm-chip={}]').dataset.word"
+PLACES = """return [...document.querySelectorAll('.armchip, #alarms, #control, #next, #stop, #power-off, main')]
+    .map((part) => { const { x, y, width } = part.getBoundingClientRect(); return [x, y, width].map(Math.round); })"""
+TARGETS = "return [...document.querySelectorAll('#stop, #power-off, .jog, .hold, #next :not([hidden])')].filter(" \
+          "(part) => part.getClientRects().length && part.getBoundingClientRect().height < 44).map((part) => part.outerHTML)"
+
+
+def step(page: BrowserPage, which: str) -> None:
+    """Wait until this is the next step, and take it."""
+    page.until(f"document.querySelector('[data-step=\"{which}\"]').hidden === false", 120)
+    page.click(f"[data-step='{which}']")
+
+
+def test_the_strip_leads_from_no_name_to_teleoperation_and_stops_it_and_nothing_moves_in_it(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open()
+        page.js("localStorage.removeItem('person')")
+        page.until(f"{WORD.format('PSM1')} === 'off'")
+        before = page.js(PLACES)
+        assert page.find("#power-on").get_attribute("aria-disabled") == "true", "without control, actions are disabled"
+        assert page.find("#stop").is_enabled() and page.find("#power-off").is_enabled()
+        page.find("#control").click()
+        page.until("document.getElementById('person').open && document.activeElement.id === 'person-name'")
+        page.find("#person-name").send_keys("Ada", Keys.ENTER)
+        page.until("document.getElementById('holder').textContent === 'Control: you, Ada'")
+        assert page.find("#power-on").get_attribute("aria-disabled") is None
+        with chromium(address) as other:
+            other.open("/nothing-here")
+            other.until("document.getElementById('holder').textContent === 'Control: Ada'")
+            other.find("#control").click()
+            other.until("document.getElementById('confirm').open")
+            assert other.find("#confirm-text").text == "Ada has control. Take it over?"
+            other.find("#confirm button.quiet").click()
+        page.find("#power-on").click()
+        page.until("document.getElementById('confirm').open")
+        asked = page.find("#confirm-text").text
+        assert "MTMR" in asked and "PSM1" in asked and "2 of 2" in asked
+        page.answer_yes()
+        step(page, "home")
+        page.until(f"{WORD.format('PSM1')} === 'ready' && {WORD.format('MTMR')} === 'ready'", 120)
+        assert page.js(PLACES) == before, "nothing moves when a state changes"
+        step(page, "teleop")
+        page.until("trocar.value('strip.consoles.console')")
+        page.js("trocar.call('PSM1', 'move_jp', [0.5, 0, 0.1, 0, 0, 0], '')")
+        page.until(f"['moving', 'follows'].includes({WORD.format('PSM1')})", 60)
+        page.find("body").send_keys(Keys.CONTROL, "s")
+        page.until("document.getElementById('stop').dataset.outcome === 'done'")
+        page.until(f"!trocar.value('strip.consoles.console') && {WORD.format('PSM1')} === 'ready'", 60)
+        assert page.value("PSM1/state.position")[0] < 0.45
+        page.find("body").send_keys(Keys.ALT, "t")
+        page.until("document.getElementById('confirm').open")
+        assert "Start teleoperation?" in page.find("#confirm-text").text
+        assert page.js("return getComputedStyle(document.getElementById('confirm')).boxShadow").count("px") == 4, "no veil"
+        assert page.wrongs() == []
+
+
+def test_stop_pauses_an_arm_that_is_homing_and_lets_arms_at_rest_be(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open()
+        page.until(f"{WORD.format('PSM1')} === 'off'")
+        steps = page.js("""
+            const { stops } = await import(document.querySelector('script[src$="strip.js"]').src);
+            const arms = (PSM1, MTMR) => { stops({ arms: { PSM1: { word: PSM1 }, MTMR: { word: MTMR } } });
+              return JSON.parse(document.getElementById('stop').dataset.steps)[0].filter(([to]) => to !== 'console'); };
+            return [arms('homing', 'fault'), arms('ready', 'off'), arms('no data', 'paused')]""")
+        hold = ["PSM1", "hold", [], ""]
+        assert steps == [[["PSM1", "state_command", [], "pause"]], [hold], [hold]]
+
+
+def test_alarms_are_counted_listed_acknowledged_and_sounded(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open("/plots")
+        page.until("document.getElementById('alarms').textContent === '✓ 0 alarms'")
+        page.click("#alarms")
+        page.click("#sound")
+        robot.pids.add(robot.kill("PSM1"))  # its crash is an error of the supervisor
+        page.until("/^▲ [1-9]/.test(document.getElementById('alarms').textContent)", 60)
+        page.until("Number(document.getElementById('sound').dataset.played) >= 2")
+        assert "PSM1" in page.js("return document.getElementById('alarmed').textContent")
+        assert page.js("return document.querySelector('#alarm-rows .message b').textContent")
+        page.open("/nothing-here")
+        page.until("/^▲ [1-9]/.test(document.getElementById('alarms').textContent)")
+        page.click("#alarms")
+        page.click("[data-acknowledge]")
+        page.until("document.getElementById('alarms').textContent === '✓ 0 alarms'")
+        page.find("body").send_keys(Keys.ESCAPE)
+        page.until("document.getElementById('alarm-list').hidden && document.activeElement.id === 'alarms'")
+        page.open("/3d")
+        page.until("document.getElementById('alarms').textContent === '✓ 0 alarms'")
+        assert page.wrongs() == []
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_without_connection_a_bar_says_so_and_stop_and_power_off_keep_their_places(
+        robot: Robot, width: int, height: int) -> None:
+    with served(robot) as address, chromium(address, width, height) as page:
+        places = set()
+        for path in ("/", "/3d", "/nothing-here"):
+            page.open(path)
+            page.until(f"{WORD.format('PSM1')} === 'off'")
+            page.js("scrollTo(0, document.body.scrollHeight)")
+            places.add(str(page.js("""return ['stop', 'power-off'].map((id) => {
+                const { x, y, right, bottom } = document.getElementById(id).getBoundingClientRect();
+                return [x, y, right, bottom, y >= 0 && bottom <= innerHeight && right <= innerWidth]; })""")))
+            assert page.js(TARGETS) == []
+        assert len(places) == 1 and "False" not in places.pop()
+        robot.pids.add(robot.kill("gui"))
+        page.until("/^No connection for [2-9] s. Power off cannot be sent: use the emergency stop.$/"
+                   ".test(document.getElementById('offline').innerText)", 20)
+        assert page.js("const { width } = document.getElementById('offline').getBoundingClientRect();"
+                       "return width === document.documentElement.clientWidth")
+        assert page.js(f"return {WORD.format('PSM1')}") == "no data"
+        page.until("document.getElementById('offline').hidden", 60)
+
+
+def test_a_jog_by_key_lasts_while_the_key_is_held(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open()
+        page.take_control()
+        page.click("main [data-asks=home]")
+        page.until("trocar.value('PSM1/state.is_homed')", 120)
+        page.open("/arm/PSM1")
+        page.take_control()
+        page.until("trocar.value('PSM1/state.valid')")
+        assert page.js(TARGETS) == []
+        jog = ".jog[data-joint='0'][data-sign='1']"
+        before = page.value("PSM1/state.position")[0]
+        for _ in range(12):  # a busy machine may cost the page its control, or the jog
+            page.take_control()
+            page.js("document.querySelector(arguments[0]).focus()", jog)
+            ActionChains(page.driver).key_down(Keys.SPACE).perform()
+            page.until(f"trocar.value('PSM1/state.position')[0] > {before} + 0.02 || !document.querySelector('.jog.on')")
+            ActionChains(page.driver).key_up(Keys.SPACE).perform()
+            if page.js(f"return trocar.value('PSM1/state.position')[0] > {before} + 0.02"):
+                break
+        page.until("!document.querySelector('.jog.on') && Math.abs(trocar.value('PSM1/state.velocity')[0]) < 1e-4")
+        assert page.value("PSM1/state.position")[0] > before + 0.02
+        page.take_control()
+        page.js("document.querySelector(arguments[0]).focus()", jog)
+        ActionChains(page.driver).key_down(Keys.SPACE).perform()
+        page.js("document.activeElement.blur()")
+        assert page.js("return document.querySelector('.jog.on')") is None, "the key counts at its button only"
+        ActionChains(page.driver).key_up(Keys.SPACE).perform()
+        assert page.wrongs() == []
