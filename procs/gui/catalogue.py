@@ -7,6 +7,7 @@ from typing import Final
 
 from trocar.procs.document.system import WALL, SystemConfig
 from trocar.procs.gui.buttons_source import ButtonsSource
+from trocar.procs.gui.limits_source import LimitsSource
 from trocar.procs.gui.log_source import log_of
 from trocar.procs.gui.messages_source import MessagesSource
 from trocar.procs.gui.plot_source import TraceSource, plot_of
@@ -20,7 +21,7 @@ from trocar.shm.system.events import ERROR
 KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
 """Kinds whose state pages show."""
 MESSAGES, PROCESSES, SCENE, BUTTONS, PLOT, LOG = "messages", "processes", "scene", "buttons", "plot", "log"
-STRIP, ALARMS = "strip", "alarms"
+STRIP, ALARMS, LIMITS = "strip", "alarms", "limits"
 
 
 def record(instance: str, ring: str = "state") -> str:
@@ -55,5 +56,6 @@ def sources_of(document: SystemConfig) -> Sources:
     makers[PROCESSES] = partial(ProcessesSource, document)
     makers[SCENE] = partial(SceneSource, document)
     makers[ALARMS] = partial(MessagesSource, document, ERROR)
+    makers[LIMITS] = partial(LimitsSource, document)
     makers[STRIP] = partial(StripSource, document)
     return Sources(makers, {PLOT: partial(plot_of, document), LOG: partial(log_of, document)})

@@ -17,6 +17,7 @@ from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import carrying, inverse_carrying
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import given_pose, inverse, matrix_from_pose, pose_from_matrix
+from trocar.procs.kinematics.trajectory import Trajectory
 from trocar.procs.kinematics.walls.recorded import recorded_walls
 from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.memory.segment import SegmentError
@@ -40,7 +41,7 @@ class SceneArm:
         self._reader = directory.reader(document.name, arm.name, "state", "arm", often=False)
         self._cells = {name: self._reader.field(name) for name in (
             "position", "count", "tool", "base_frame", "reference_frame", "state", "valid", "has_jaw", "jaw_position",
-            "setpoint_position", "gripper_position", "reference_valid")}
+            "setpoint_position", "gripper_position", "reference_valid", "trajectory_ratio_v", "trajectory_ratio_a")}
         self._tool, self.kinematics = "", carrying(arm, arm.endoscope)
         self._solver: InverseSolver | None = None
         self._sequence, self._seen_ns = 0, 0
@@ -89,7 +90,18 @@ class SceneArm:
         """Where its links would be at these joints, and which of those are beyond their limits."""
         if len(q) != self.kinematics.n:
             raise ValueError(f"{self._arm.name} has {self.kinematics.n} joints now, not {len(q)}")
-        return {"frames": frames_of(self.kinematics, q, self._base), "beyond": self.near(q, -SLACK).tolist()}
+        return {"frames": frames_of(self.kinematics, q, self._base), "beyond": self.near(q, -SLACK).tolist(),
+                "seconds": self.seconds(q)}
+
+    def seconds(self, q: Array) -> float | None:
+        """Duration of a move there, planned as the arm does; None: it would be refused."""
+        n, cells = self.kinematics.n, self._cells
+        limits = ARM_TYPES[self._arm.type].moves.scaled(*(float(cells[f"trajectory_ratio_{x}"]) or 1.0 for x in "va"))
+        v_max, a_max = (np.pad(row[:n], (0, max(0, n - len(row))), mode="edge") for row in limits)
+        trajectory = Trajectory(n, self._arm.jerk_time_s)
+        begin = np.nan_to_num(cells["setpoint_position"][:n])
+        error = trajectory.start(begin, np.zeros(n), np.array(q), v_max, a_max, 0.0)
+        return None if error is not None else round(trajectory.duration, 1)
 
     def reaching(self, pose: Array) -> dict[str, Any]:
         """The same for a pose (7,) of its tip in the frame of its poses; ValueError: out of reach, with the reason."""

@@ -60,7 +60,8 @@ class StripSource:
         self._arms = [row.name for rows in (document.arms, document.carts) for row in rows]
         self._teleops = [row.name for rows in (document.teleop_psms, document.teleop_ecms) for row in rows]
         self._consoles = [row.name for row in document.consoles]
-        for names, fields in ((self._arms, ARM), (self._teleops, TELEOP), (self._consoles, CONSOLE), (["system"], SYSTEM)):
+        watched = ((self._arms, ARM), (self._teleops, TELEOP), (self._consoles, CONSOLE), (["system"], SYSTEM))
+        for names, fields in watched:
             for name in names:
                 with contextlib.suppress(SegmentError):
                     self._records[name] = WatchedRecord(document.name, name, fields)

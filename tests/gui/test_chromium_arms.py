@@ -56,7 +56,7 @@ def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(page: BrowserPage
     page.take_control()
     page.find("[data-does=move]").click()
     page.until("document.getElementById('confirm').open")
-    assert re.search(r"yaw [\d.-]+ → 11.50 °\?", page.find("#confirm-text").text)
+    assert re.search(r"yaw [\d.-]+ → 11.50 °, \d+\.\d s\?", page.find("#confirm-text").text)
     page.answer_yes()
     page.until("Math.abs(trocar.value('PSM1/state.position')[0] - 11.5 * Math.PI / 180) < 1e-3")
     tip = page.value("PSM1/state.measured_cp")

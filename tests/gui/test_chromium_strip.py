@@ -7,7 +7,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
 from tests.gui.chromium import SIZES, BrowserPage, chromium
-from tests.gui.test_chromium import KINEMATIC, served
+from tests.gui.test_chromium import served
 from tests.system.conftest import records as records
 from tests.system.conftest import robot as robot
 from tests.system.conftest import robots as robots
@@ -17,8 +17,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated("paced"
 WORD = "document.querySelector('[data-arm-chip={}]').dataset.word"
 PLACES = """return [...document.querySelectorAll('.armchip, #alarms, #control, #next, #stop, #power-off, main')]
     .map((part) => { const { x, y, width } = part.getBoundingClientRect(); return [x, y, width].map(Math.round); })"""
-TARGETS = "return [...document.querySelectorAll('#stop, #power-off, .jog, .hold, #next :not([hidden])')].filter(" \
-          "(part) => part.getClientRects().length && part.getBoundingClientRect().height < 44).map((part) => part.outerHTML)"
+TARGETS = """return [...document.querySelectorAll('#stop, #power-off, .jog, .hold, #next :not([hidden])')]
+    .filter((part) => part.getClientRects().length && part.getBoundingClientRect().height < 44)
+    .map((part) => part.outerHTML)"""
 
 
 def step(page: BrowserPage, which: str) -> None:
@@ -66,7 +67,6 @@ def test_the_strip_leads_from_no_name_to_teleoperation_and_stops_it_and_nothing_
         page.find("body").send_keys(Keys.ALT, "t")
         page.until("document.getElementById('confirm').open")
         assert "Start teleoperation?" in page.find("#confirm-text").text
-        assert page.js("return getComputedStyle(document.getElementById('confirm')).boxShadow").count("px") == 4, "no veil"
         assert page.wrongs() == []
 
 
@@ -145,7 +145,8 @@ def test_a_jog_by_key_lasts_while_the_key_is_held(robot: Robot) -> None:
             page.take_control()
             page.js("document.querySelector(arguments[0]).focus()", jog)
             ActionChains(page.driver).key_down(Keys.SPACE).perform()
-            page.until(f"trocar.value('PSM1/state.position')[0] > {before} + 0.02 || !document.querySelector('.jog.on')")
+            page.until(f"trocar.value('PSM1/state.position')[0] > {before} + 0.02"
+                       " || !document.querySelector('.jog.on')")
             ActionChains(page.driver).key_up(Keys.SPACE).perform()
             if page.js(f"return trocar.value('PSM1/state.position')[0] > {before} + 0.02"):
                 break

@@ -48,6 +48,6 @@ def test_texts_are_legible_on_all_backgrounds(theme: str) -> None:
     pairs += [("good", "lit"), ("text", "lit"), ("warn", "amber"), ("text", "amber"), ("on", "accent")]
     found = {pair: contrast(colours[pair[0]], colours[pair[1]]) for pair in pairs}
     found["white", "danger"] = contrast("#ffffff", colours["danger"])
-    found["stop"] = contrast("#18202a", "#ffd400")
+    found["text", "stop"] = contrast("#18202a", "#ffd400")
     assert not {pair: round(value, 2) for pair, value in found.items() if value < 4.5}
     assert contrast(colours["edge"], colours["card"]) >= 3.0, "borders that carry a meaning"

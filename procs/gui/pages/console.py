@@ -17,7 +17,7 @@ PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), (
 RELEASED: Final = {"clutch": "Act as if the clutch were released? Slaves follow again.",
                    "camera": "Act as if the camera pedal were released? Masters may move to align."}
 """Confirmation before the command causes motion; an absent operator stops all."""
-SCALES: Final = (0.1, 0.2, 0.3, 0.5, 1.0)
+SCALES: Final = tuple(tenths / 10 for tenths in range(1, 11))
 
 
 def console_page(document: SystemConfig) -> None:

@@ -26,7 +26,7 @@ STEPS: Final = ("Take control: until then this page is read-only.",
 
 def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
     """Name and path of each page."""
-    found = [("System", "/"), ("3D", "/3d")]
+    found = [("System", "/"), ("Operate", "/operate"), ("3D", "/3d")]
     found += [(arm.name, f"/arm/{arm.name}") for arm in document.arms]
     if document.consoles:
         found.append(("Console", "/console"))
@@ -109,7 +109,7 @@ def _dialogs() -> None:
              for_="person-name")
         Part("input", type="text", id="person-name", required=True, maxlength=str(MAX_PERSON), autocomplete="name")
         with box("row end"):
-            Part("button", "quiet", "Cancel", value="", formnovalidate=True)
+            Part("button", "quiet", "Cancel", type="button", data_does="close")  # Enter presses the other one
             Part("button", "primary", "Take control", value="yes")
     with Part("dialog", id="help", aria_label="Help"), Part("form", method="dialog"):
         Part("h2", "", "First steps")

@@ -9,8 +9,8 @@ from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import MESSAGES, record
 from trocar.procs.gui.pages.console import PEDALS, teleop_buttons
 from trocar.procs.gui.pages.element import Part
-from trocar.procs.gui.pages.strip import moving, power_button
 from trocar.procs.gui.pages.parts import box, button, choice, head, live, reason, state_buttons, teleop_reason
+from trocar.procs.gui.pages.strip import moving, power_button
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
 """Sub-states that chip and light show too."""
@@ -28,7 +28,7 @@ def system_page(document: SystemConfig) -> None:
                     arm_card(arm)
                 for cart in document.carts:
                     cart_card(cart.name)
-            _messages(document)
+            messages_card(document)
         with Part("aside"):
             _first_steps(document)
             _power(document)
@@ -130,7 +130,8 @@ def teleop_row(name: str) -> None:
         teleop_reason(state)
 
 
-def _messages(document: SystemConfig) -> None:
+def messages_card(document: SystemConfig) -> None:
+    """Messages of all processes, by severity and process."""
     with box("card messages", data_source=MESSAGES):
         with head("h2", "", "Messages", has_age=False):
             choice((("status", "all"), ("warning", "warnings and errors"), ("error", "errors")), id="severity",

@@ -74,6 +74,7 @@ export async function previewed(wanted, says) {
   return found;
 }
 
+let lasts = ""; // duration of the previewed move, in words
 async function preview() {
   const wanted = goal();
   if (!wanted) {
@@ -86,6 +87,7 @@ async function preview() {
   if (!found) return false;
   found.beyond.forEach((beyond, i) => goals()[i]?.classList.toggle("wrong", beyond));
   const isBeyond = found.beyond.some(Boolean);
+  lasts = found.seconds === null ? "" : `, ${found.seconds.toFixed(1)} s`;
   if (isBeyond) says.textContent = "Beyond the limits of a joint: red.";
   return !isBeyond;
 }
@@ -105,7 +107,7 @@ page.addEventListener("click", async (event) => {
   else if (button.dataset.does === "read-jaw") readJaw(button);
   else if (button.dataset.does === "move") {
     if (!(await preview())) return note(button, "bad", goal() ? document.getElementById("preview-says").textContent : "A number is missing or invalid.");
-    button.dataset.confirm = `Move ${arm}: ${moves()}? The green shape shows it.`;
+    button.dataset.confirm = `Move ${arm}: ${moves()}${lasts}? The green shape shows it.`;
     if (await asked(button, [[[arm, "move_jp", goal(), ""]]])) stage()?.preview(null);
   } else if (button.dataset.does === "jaw") {
     const angle = typed(document.getElementById("jaw-goal").value);

@@ -117,15 +117,16 @@ export const isConnected = () => socket?.readyState === 1 && performance.now() -
 
 function wants() {
   if (document.hidden) return [];
-  const found = new Set([...document.querySelectorAll("[data-wants]")].flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
+  const isShown = (part) => !part.closest("[data-panel][hidden]"); // a closed panel costs nothing
+  const found = new Set([...document.querySelectorAll("[data-wants]")].filter(isShown).flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
   for (const name of ["live", "show", "on", "source", "valid"])
-    for (const element of document.querySelectorAll(`[data-${name}]`)) found.add(name === "source" ? element.dataset.source : sourceOf(element.dataset[name]));
+    for (const element of document.querySelectorAll(`[data-${name}]`)) if (isShown(element)) found.add(name === "source" ? element.dataset.source : sourceOf(element.dataset[name]));
   // A page without data is at least informed that it is connected, and which page has control.
   return found.size ? [...found].sort() : ["messages"];
 }
 
 let wanted = "";
-function want() {
+export function want() {
   const list = wants();
   if (socket?.readyState !== 1 || wanted === list.join(" ")) return;
   wanted = list.join(" ");
@@ -418,6 +419,7 @@ document.addEventListener("click", (event) => {
     if (button.dataset.free !== undefined) stops += 1;
     asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
   } else if (button.dataset.view) document.querySelector(".stage").stage.look(button.dataset.view);
+  else if (button.dataset.does === "close") button.closest("dialog").close("");
   else if (button.dataset.does === "person") document.querySelector("dialog[open]")?.close(""), named();
   else if (button.dataset.opens) opens(document.getElementById(button.dataset.opens));
   else if (button.dataset.does === "dismiss") {
