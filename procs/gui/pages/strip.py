@@ -84,8 +84,8 @@ def strip(document: SystemConfig) -> None:
             Part("span", "since")  # apart: it changes each second, and is not read out
         _alarm_list()
     if any(io.calibration_mode for io in document.ios):
-        Part("p", "calibration", "▲ Calibration mode: some checks are off. Remove calibration_mode from the system file "
-             "to restore them.", role="note")
+        Part("p", "calibration", "▲ Calibration mode: some checks are off. Remove calibration_mode from the system "
+             "file to restore them.", role="note")
     for name in ("announced", "alarmed"):
         Part("p", "unseen", id=name, aria_live="assertive" if name == "alarmed" else "polite")
 

@@ -41,6 +41,7 @@ function processes() {
 const at = (id) => document.getElementById(id);
 let written = null;
 function log() {
+  if (!at("log-card")) return;
   at("log-card").hidden = !chosen;
   if (!chosen) {
     delete at("log").dataset.wants; // it is hidden: nothing is read
@@ -77,7 +78,7 @@ document.addEventListener("click", ({ target }) => {
   history.replaceState(null, "", `#${chosen}`);
   processes();
   log();
-  at("log-card").scrollIntoView({ block: "nearest" });
+  at("log-card")?.scrollIntoView({ block: "nearest" });
 });
 onTick(processes);
 onTick(log);
