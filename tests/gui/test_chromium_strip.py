@@ -130,8 +130,9 @@ def test_without_connection_a_bar_says_so_and_stop_and_power_off_keep_their_plac
         page.js("window.Kept = WebSocket; window.WebSocket = class {"  # a network that is cut
                 " constructor() { setTimeout(() => this.onclose({ reason: '' }), 50); } }")
         robot.pids.add(robot.kill("gui"))
-        page.until("/^No connection for [2-9] s. Power off cannot be sent: use the emergency stop.$/"
-                   ".test(document.getElementById('offline').innerText)", 20)
+        page.until("/^No connection for \\d+ s. Power off cannot be sent: use the emergency stop.$/"
+                   ".test(document.querySelector('#offline .since').textContent)"
+                   " && !document.getElementById('offline').hidden", 20)
         assert page.js("const { width } = document.getElementById('offline').getBoundingClientRect();"
                        "return width === document.documentElement.clientWidth")
         assert page.js(f"return {WORD.format('PSM1')}") == "no data"

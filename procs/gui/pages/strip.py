@@ -81,7 +81,7 @@ def strip(document: SystemConfig) -> None:
                    title="Ctrl + O. Works from every page, without control. It is no emergency stop.")
         with box("offline", id="offline", hidden=True):
             Part("span", "lost", role="alert")
-            Part("span", "since")  # apart: it changes each second, and is not read out
+            Part("span", "since", aria_hidden="true")  # it changes each second
         _alarm_list()
     if any(io.calibration_mode for io in document.ios):
         Part("p", "calibration", "▲ Calibration mode: some checks are off. Remove calibration_mode from the system "
