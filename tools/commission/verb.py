@@ -91,15 +91,15 @@ def commission(
         "--report", help="Report file; default: commission-SYSTEM.json.")] = None,
     pack_into: Annotated[Path | None, typer.Option(
         "--pack", metavar="FILE",
-        help="New .tar.gz file for the report, configuration files, logs, recordings and version "
-        "numbers, ready to send. No stage is run.")] = None,
+        help="Pack report, configuration files, logs, recordings and version numbers into a new .tar.gz "
+        "file, ready to send. No stage is run.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="Value for a key of the file's `trocar:` section.")] = None,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", metavar="NAME", help="Name of the system during commissioning."),
     ] = default_system(NAME),
 ) -> int:
-    """Prepare a robot for its first motion, in stages: from finding the boards to slow motion.
+    """Prepare a robot for its first motion, in stages: from finding the boards to moving slowly.
 
     First read docs/first-hardware.md. Each stage stops at the first problem, and names the remedy. The same command
     then resumes after the last stage that passed.

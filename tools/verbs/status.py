@@ -26,9 +26,9 @@ RIGHTS = "{}; trocar doctor names the remedy"
 def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     """Show processes, arms, teleoperations and consoles, and the next thing to do.
 
-    The first table shows the rate, missed deadlines, restarts and last exit of each process. The second table shows
-    the state of each arm, and the reason if the arm is in FAULT or waits. The last line says "all well", or names the
-    first thing to do. Exit code 1: a process has a problem, or an arm or teleoperation is in FAULT.
+    The first table shows the rate, missed deadlines, restarts and last exit of each process. The second table shows the
+    state of each arm. If an arm is in FAULT or waits for something, status gives the reason. The last line says "all
+    well", or names the first thing to do. Exit code 1: a process has a problem, or an arm or teleoperation is in FAULT.
 
     Example: trocar status --json
     """
