@@ -68,7 +68,8 @@ def strip(document: SystemConfig) -> None:
             for cart in document.carts:
                 _chip(cart.name, "/suj")
         with box("now"):
-            Part("button", "alarms", "– alarms", type="button", id="alarms", aria_expanded="false", aria_controls="alarm-list")
+            Part("button", "alarms", "– alarms", type="button", id="alarms", aria_expanded="false",
+                 aria_controls="alarm-list")
             Part("span", "clock", id="clock")
         with box("who"):
             Part("span", "holder", id="holder", role="status")
