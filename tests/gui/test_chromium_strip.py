@@ -73,19 +73,6 @@ def test_the_strip_leads_from_no_name_to_teleoperation_and_stops_it_and_nothing_
         assert page.wrongs() == []
 
 
-def test_stop_pauses_an_arm_that_is_homing_and_lets_arms_at_rest_be(robot: Robot) -> None:
-    with served(robot) as address, chromium(address) as page:
-        page.open()
-        page.until(f"{WORD.format('PSM1')} === 'off'")
-        steps = page.js("""
-            const { stops } = await import(document.querySelector('script[src$="strip.js"]').src);
-            const arms = (PSM1, MTMR) => { stops({ arms: { PSM1: { word: PSM1 }, MTMR: { word: MTMR } } });
-              return JSON.parse(document.getElementById('stop').dataset.steps)[0].filter(([to]) => to !== 'console'); };
-            return [arms('homing', 'fault'), arms('ready', 'off'), arms('no data', 'paused')]""")
-        hold = ["PSM1", "hold", [], ""]
-        assert steps == [[["PSM1", "state_command", [], "pause"]], [hold], [hold]]
-
-
 def test_alarms_are_counted_listed_acknowledged_and_sounded(robot: Robot) -> None:
     with served(robot) as address, chromium(address) as page:
         count = "document.getElementById('alarms').textContent"

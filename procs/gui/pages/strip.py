@@ -40,8 +40,9 @@ def home(document: SystemConfig) -> list[list[Call]]:
 
 
 def stop(document: SystemConfig) -> list[list[Call]]:
-    """Stop all motion; power stays. The page leaves out arms that are at rest, and pauses those that are homing."""
-    calls: list[Call] = [(row.name, "teleop_enable", [0], "") for row in document.consoles]
+    """Stop all motion, and what would begin one; power stays. To all arms, whatever a page shows of them."""
+    calls: list[Call] = [("system", "hold", [], "")] if document.consoles else []
+    calls += [(row.name, "teleop_enable", [0], "") for row in document.consoles]
     calls += [(row.name, command, [0], "") for row in document.focuses for command in ("focus_in", "focus_out")]
     return [[*calls, *((row.name, "hold", [], "") for row in document.arms)]]
 

@@ -78,19 +78,6 @@ function questions(arms) {
   for (const button of document.querySelectorAll("[data-asks]")) if (button.dataset.confirm !== texts[button.dataset.asks]) button.dataset.confirm = texts[button.dataset.asks];
 }
 
-// Stop holds arms that may move, and pauses those that are homing; arms at rest would refuse it.
-const stopping = JSON.parse(at("stop").dataset.steps)[0];
-export function stops(found) {
-  const calls = stopping.flatMap(([to, command, values, text]) => {
-    const word = found?.arms[to]?.word;
-    if (command !== "hold" || !word || word === "no data") return [[to, command, values, text]];
-    if (word === "homing") return [[to, "state_command", [], "pause"]];
-    return ["ready", "moving"].includes(word) ? [[to, command, values, text]] : [];
-  });
-  const text = JSON.stringify([calls]);
-  if (at("stop").dataset.steps !== text) at("stop").dataset.steps = text;
-}
-
 // --- alarms: errors of all processes, until a person at this browser acknowledges them
 
 const KEPT = 400;
@@ -188,7 +175,6 @@ function strip() {
   chips(found);
   clock(found);
   next(found);
-  stops(found);
   alarms();
 }
 
