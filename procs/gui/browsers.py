@@ -20,6 +20,7 @@ from trocar.procs.crtk.plain import plain
 from trocar.procs.document.bridges import Rights
 from trocar.procs.gui.control import BrowserControl, Ticks
 from trocar.procs.gui.messages import OPS
+from trocar.procs.gui.past import Past
 from trocar.procs.gui.scene_source import ArmModels
 from trocar.procs.gui.sources import Sources
 from trocar.procs.kinematics.poses import POSE
@@ -59,6 +60,7 @@ class ConsoleService:
     """Name of the pages that this server has: a page of another name is not its own."""
     generation: Callable[[], int]
     """Number of faults of the system so far."""
+    past: Past | None = None
     power_off: Sequence[Any] = ()
     """Steps of Power off: a page of other pages than these uses them, too."""
     ticks: Ticks = field(default_factory=Ticks)
@@ -94,7 +96,9 @@ class Browser:
         self._end: asyncio.Future[None] | None = None
         self._ops: dict[str, Callable[[Message, int], None]] = {
             "want": self._want, "beat": self._beat, "control": self._control, "call": self._call,
-            "preview": self._preview, "jog": self._jog}
+            "preview": self._preview, "jog": self._jog, "past": self._past}
+        self._remembered: asyncio.Future[bytes] | None = None
+        """The answer to a question about the past, until it is sent: a page has one at a time."""
         self._say("hello", run=served.run, name=name, system=served.system, power_off=served.power_off)
 
     # -- messages from the page
@@ -179,6 +183,21 @@ class Browser:
         found = arm.reaching(pose) if len(pose) else arm.at(np.array(asked.parts["position"]))
         self._say("reply", asked.id, outcome="done", text=json.dumps(plain(found)))
 
+    def _past(self, asked: Message, now_ns: int) -> None:
+        """The data of sources at a time, and samples of some."""
+        if self._served.past is None or self._remembered is not None:
+            raise WrongMessage("one question about the past at a time")
+        self._remembered = asyncio.wrap_future(self._served.past.ask(asked.parts, asked.id))
+        self._remembered.add_done_callback(self._remember)
+
+    def _remember(self, found: asyncio.Future[bytes]) -> None:
+        if found.cancelled() or (error := found.exception()) is not None:
+            self._remembered = None
+            self._refuse(None, "" if found.cancelled() else str(error))
+        elif not self._is_over:
+            self._answers.append(found.result())
+            self._news.set()
+
     def _jog(self, asked: Message, now_ns: int) -> None:
         """Joint velocities for a motion of the tip; the arm ends it 0.1 s after the last one."""
         parts, seen = asked.parts, self._seen(asked, now_ns, HELD_LATE_NS)
@@ -239,7 +258,10 @@ class Browser:
             await self._news.wait()
             self._news.clear()
             while self._answers:
-                await self._socket.send_text(self._answers.popleft().decode())
+                answer = self._answers.popleft()
+                await self._socket.send_text(answer.decode())
+                if self._remembered is not None and self._remembered.done() and answer is self._remembered.result():
+                    self._remembered = None
             while self._ticks:
                 await self._socket.send_text(self._ticks.popleft().decode())
 
@@ -254,6 +276,8 @@ class Browser:
         self._served.sources.leave(self.wants)
         self.wants = ()
         self._calls.close()
+        if self._remembered is not None:
+            self._remembered.cancel()
 
 
 class Browsers:

@@ -11,6 +11,7 @@ import asyncio
 import os
 import socket
 from contextlib import AbstractContextManager, nullcontext, suppress
+from functools import partial
 from typing import Any, Final
 
 import uvicorn
@@ -23,12 +24,15 @@ from trocar.procs.gui.catalogue import sources_of
 from trocar.procs.gui.gate import Gate
 from trocar.procs.gui.pages.application import application, name_of, texts_of_pages
 from trocar.procs.gui.pages.frame import power_off
+from trocar.procs.gui.past import Past
 from trocar.procs.gui.scene_source import ArmModels
+from trocar.procs.gui.timeline_source import TimelineSource
 from trocar.procs.machine.access import tls_of, token_in
-from trocar.procs.machine.paths import token_file
+from trocar.procs.machine.paths import recordings_folder, token_file
 from trocar.procs.node import runtime
 from trocar.procs.node.pacing import duration
 from trocar.procs.node.serving import ServingLoop
+from trocar.shm.system import directory
 
 BYTES: Final = 1 << 20
 """Of a message."""
@@ -51,10 +55,14 @@ class GuiLoop(ServingLoop):
         if console is None:
             raise ValueError("the system has no web console")
         self._most, texts = console.max_clients, texts_of_pages(document)
-        sources, models = node.hold(sources_of(document)), node.hold(ArmModels(document))
+        recorder = document.recorder
+        folder = recordings_folder(os.environ, document.name, recorder.folder) if recorder is not None else None
+        past = node.hold(Past(document, folder, directory.document(document.name)))
+        sources = node.hold(sources_of(document, partial(TimelineSource, document, past)))
+        models = node.hold(ArmModels(document))
         self._browsers = node.hold(Browsers(ConsoleService(
             document.name, owners_of(document), sources, node.pauses.is_over, models, name_of(texts),
-            node.faults().generation, power_off(document))))
+            node.faults().generation, past, power_off(document))))
         token, tls = token_in(console.token_file or _made_token(document)), tls_of(console)
         pages = application(document, texts, self._live, node.log)
         self._server = _Server(uvicorn.Config(
