@@ -26,7 +26,7 @@ from trocar.procs.gui.sources import Sources
 from trocar.procs.kinematics.poses import POSE
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingError
-from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.clock import local_ns, monotonic_ns
 
 LATE_NS: Final = 1_000_000_000
 """Maximum age of a request on arrival, as in mailboxes."""
@@ -99,7 +99,8 @@ class Browser:
             "preview": self._preview, "jog": self._jog, "past": self._past}
         self._remembered: asyncio.Future[bytes] | None = None
         """The answer to a question about the past, until it is sent: a page has one at a time."""
-        self._say("hello", run=served.run, name=name, system=served.system, power_off=served.power_off)
+        self._say("hello", run=served.run, name=name, system=served.system, power_off=served.power_off,
+                  now=local_ns() // 1_000_000)
 
     # -- messages from the page
 

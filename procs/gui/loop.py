@@ -21,6 +21,7 @@ from trocar.procs.crtk.calls import owners_of
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.browsers import Browsers, ConsoleService
 from trocar.procs.gui.catalogue import sources_of
+from trocar.procs.gui.fault_files import recordings_of
 from trocar.procs.gui.gate import Gate
 from trocar.procs.gui.pages.application import application, name_of, texts_of_pages
 from trocar.procs.gui.pages.frame import power_off
@@ -28,7 +29,7 @@ from trocar.procs.gui.past import Past
 from trocar.procs.gui.scene_source import ArmModels
 from trocar.procs.gui.timeline_source import TimelineSource
 from trocar.procs.machine.access import tls_of, token_in
-from trocar.procs.machine.paths import recordings_folder, token_file
+from trocar.procs.machine.paths import token_file
 from trocar.procs.node import runtime
 from trocar.procs.node.pacing import duration
 from trocar.procs.node.serving import ServingLoop
@@ -55,9 +56,7 @@ class GuiLoop(ServingLoop):
         if console is None:
             raise ValueError("the system has no web console")
         self._most, texts = console.max_clients, texts_of_pages(document)
-        recorder = document.recorder
-        folder = recordings_folder(os.environ, document.name, recorder.folder) if recorder is not None else None
-        past = node.hold(Past(document, folder, directory.document(document.name)))
+        past = node.hold(Past(document, recordings_of(document), directory.document(document.name)))
         sources = node.hold(sources_of(document, partial(TimelineSource, document, past)))
         models = node.hold(ArmModels(document))
         self._browsers = node.hold(Browsers(ConsoleService(

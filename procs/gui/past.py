@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -18,10 +18,12 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from trocar.procs.document.system import SystemConfig
+from trocar.procs.document.recorder import NAME as RECORDER
+from trocar.procs.document.system import WALL, SystemConfig
 from trocar.procs.gui.catalogue import families_of, makers_of
 from trocar.procs.gui.rings import PastReader
 from trocar.procs.gui.sources import MADE, OPTIONS
+from trocar.procs.gui.times import Times
 from trocar.procs.recordings.facts import local_offset_ns
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
@@ -47,33 +49,37 @@ Answer = TypeVar("Answer")
 class PastRings:
     """The rings of a system, each with its records from `begin_ns` up to `end_ns` (time of day)."""
 
-    def __init__(self, files: RecordedFiles, offset_ns: int, begin_ns: int, end_ns: int, *, is_state: bool) -> None:
-        """`offset_ns`: from stamps of this run to times of day; `is_state`: nearly all rings will be read."""
-        self._files, self._offset_ns, self._is_state = files, offset_ns, is_state
+    def __init__(self, files: RecordedFiles, times: Times, begin_ns: int, end_ns: int, *, is_state: bool) -> None:
+        """`times`: of this run; `is_state`: nearly all rings will be read."""
+        self._files, self._times, self._is_state = files, times, is_state
         self._begin_ns, self._end_ns = begin_ns, end_ns
         self._read: dict[bool, Rows] = {}
+        self.is_known = False
+        """Whether any periodic ring that was opened has records of this time."""
 
     def __call__(self, system: str, instance: str, ring: str, kind: str | None = None) -> PastReader:
         """See Rings."""
         with closing(directory.reader(system, instance, ring, kind, often=False)) as reader:
             dtype, is_periodic = reader.dtype, bool(reader.info.get("rate_hz"))
             reader.rewind()
-            oldest_ns = reader.stamp_ns + self._offset_ns if reader.next() else 0
+            oldest_ns = int(self._times.local(np.array([reader.stamp_ns]))[0]) if reader.next() else 0
             has_first = reader.sequence <= 1 and not is_periodic
             if is_periodic:
-                rows = (reader.since(max(0, self._begin_ns - self._offset_ns)) if oldest_ns <= self._end_ns
+                rows = (reader.since(self._times.stamp(self._begin_ns)) if oldest_ns <= self._end_ns
                         else np.zeros(0, dtype))
                 if not len(rows) and self._is_state:  # its writer stalls, or is gone: shown with its age
                     rows = reader.last(1)
             else:
                 rows = reader.last(reader.depth)
-        rows["stamp_ns"] = rows["local_ns"] if "local_ns" in (dtype.names or ()) else rows["stamp_ns"] + self._offset_ns
+        has_local = "local_ns" in (dtype.names or ())
+        rows["stamp_ns"] = rows["local_ns"] if has_local else self._times.local(rows["stamp_ns"])
         rows = rows[rows["stamp_ns"] <= self._end_ns]
         if oldest_ns > self._begin_ns and not (has_first and len(rows)):
             earlier = self._recorded(f"{instance}/{ring}", ring)
             if earlier is not None and earlier.dtype == dtype:
                 before = earlier["stamp_ns"] < (rows["stamp_ns"][0] if len(rows) else self._end_ns + 1)
                 rows = np.concatenate([earlier[before], rows])
+        self.is_known = self.is_known or (is_periodic and bool(len(rows)))
         return PastReader(dtype, rows)
 
     def _recorded(self, topic: str, ring: str) -> NDArray[Any] | None:
@@ -131,7 +137,8 @@ class Past:
         from trocar.procs.gui.recorded import RecordedFiles
 
         if self._files is None:
-            self._files = RecordedFiles(self._folder or Path("/nonexistent"), self._frozen)
+            self._files = RecordedFiles(self._folder or Path("/nonexistent"), self._frozen,
+                                        is_simulated=self._document.clock != WALL)
         return self._files
 
     def _look(self) -> None:
@@ -140,10 +147,10 @@ class Past:
             self.faults, self.begin_ns = files.faults(), files.begin_ns()
 
     def _answer(self, at_ns: int, begin_ns: int, end_ns: int, points: int, names: Sequence[str], number: Any) -> bytes:
-        files, offset_ns = self._opened(), local_offset_ns(self._document.name)
+        files, times = self._opened(), times_of(self._document)
         end_ns = min(end_ns, local_ns())
-        state = PastRings(files, offset_ns, at_ns - BEFORE_NS, at_ns, is_state=True)
-        samples = PastRings(files, offset_ns, begin_ns, end_ns, is_state=False)
+        state = PastRings(files, times, at_ns - BEFORE_NS, at_ns, is_state=True)
+        samples = PastRings(files, times, begin_ns, end_ns, is_state=False)
         data = {}
         states, traces = makers_of(self._document, state), makers_of(self._document, samples)
         families = families_of(self._document, samples)
@@ -161,7 +168,8 @@ class Past:
                     data[name] = {"age": None, "problem": NOT_RECORDED}
             except (SegmentError, OSError, ValueError, KeyError) as error:
                 data[name] = {"age": None, "problem": str(error)}
-        return orjson.dumps({"op": "past", "id": number, "at": at_ns // 1_000_000, "data": data}, option=OPTIONS)
+        return orjson.dumps({"op": "past", "id": number, "at": at_ns // 1_000_000, "data": data,
+                             "known": state.is_known or samples.is_known}, option=OPTIONS)
 
     def close(self) -> None:
         """End the thread, close all files."""
@@ -169,6 +177,17 @@ class Past:
         self._work.shutdown(cancel_futures=True)
         if self._files is not None:
             self._files.close()
+
+
+def times_of(document: SystemConfig) -> Times:
+    """Of the present run: as the recorder notes them once a second, and now."""
+    now_ns = local_ns()
+    stamps, local = [np.array([now_ns - local_offset_ns(document.name)])], [np.array([now_ns])]
+    if document.clock != WALL:
+        with suppress(SegmentError), closing(directory.reader(document.name, RECORDER, "state", often=False)) as reader:
+            rows = reader.last(reader.depth)
+            stamps, local = [rows["system_ns"], *stamps], [rows["local_ns"], *local]
+    return Times(np.concatenate(stamps), np.concatenate(local))
 
 
 def _thinned(found: dict[str, Any], points: int) -> dict[str, Any]:

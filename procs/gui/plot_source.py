@@ -83,11 +83,11 @@ class TraceSource(SampleSource):
         """Attach and subscribe; SegmentError if it cannot be read."""
         super().__init__(system, robot.io.name, IO_STATE.name, kind="io", rings=rings)
         self._axis, self._robot = robot.axes.start + axis, robot.place
-        self._each = max(1, round(CLOSEST_S / robot.io.period_s))
+        # A recording does not have all records: each of its own is used.
+        self._each = max(1, round(CLOSEST_S / robot.io.period_s)) if rings is present else 1
 
     def _shown(self, rows: NDArray[Any]) -> dict[str, Any]:
-        groups = rows["sequence"] // self._each  # one of each: a recording does not have all records
-        rows = rows[np.diff(groups, prepend=groups[:1] - np.uint64(1)) != 0]
+        rows = rows[rows["sequence"] % self._each == 0]
         columns = [rows[name][:, self._axis].astype(np.float32) for name in SIGNALS]
         for column in columns:  # no line while its boards are away: that is the last good value
             column[~rows["robot_valid"][:, self._robot]] = np.nan

@@ -10,9 +10,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.procs.gui.times import Times
 from trocar.procs.recordings import names
 from trocar.procs.recordings.folder import kept
-from trocar.procs.recordings.reading import RecordingError, RecordingReader, open_recording
+from trocar.procs.recordings.reading import RecordingError, RecordingReader, Records, open_recording
 
 Rows = dict[str, NDArray[Any]]
 MAX_BYTES: Final = 64 << 20
@@ -35,8 +36,8 @@ class RecordedFiles:
     names may have another meaning there.
     """
 
-    def __init__(self, folder: Path, document: bytes) -> None:
-        self._folder, self._document = folder, document
+    def __init__(self, folder: Path, document: bytes, *, is_simulated: bool) -> None:
+        self._folder, self._document, self._is_simulated = folder, document, is_simulated
         self._open: dict[Path, tuple[int, RecordingReader | None]] = {}
         self._faults: dict[Path, FaultFile] = {}
 
@@ -67,15 +68,25 @@ class RecordedFiles:
         found: dict[str, list[NDArray[Any]]] = {}
         left = MAX_BYTES
         for reader in self._readers(begin_ns, end_ns):
-            chosen = [name for name in reader.record_topics if wanted(name)]
+            chosen = [name for name in reader.record_topics if wanted(name) or name == names.CLOCK]
+            read = []
             for name, piece in reader.pieces(chosen, begin_ns, end_ns + 1):
                 left -= piece.rows.nbytes
                 if left < 0:
                     raise ValueError(f"more than {MAX_BYTES >> 20} MB of records; choose a shorter time")
+                read.append((name, piece))
+            times = self._times([piece for name, piece in read if name == names.CLOCK])
+            for name, piece in read:
                 rows = piece.rows.copy()
-                rows["stamp_ns"] = piece.local_ns
+                rows["stamp_ns"] = piece.local_ns if times is None else times.local(rows["stamp_ns"])
                 found.setdefault(name, []).append(rows)
         return {name: _in_order(pieces) for name, pieces in found.items()}
+
+    def _times(self, clocks: list[Records]) -> Times | None:
+        """In simulated time, those of all records at full rate in a file are as if it passed as fast as real time."""
+        if not self._is_simulated or not clocks:
+            return None
+        return Times(*(np.concatenate([piece.rows[name] for piece in clocks]) for name in ("system_ns", "local_ns")))
 
     def _readers(self, begin_ns: int, end_ns: int) -> Iterable[RecordingReader]:
         """Those that may have records of this time; a file that has grown is opened again."""

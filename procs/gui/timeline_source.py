@@ -13,7 +13,6 @@ from trocar.procs.gui.past import Past
 from trocar.procs.gui.rings import Readable, event_rings, present
 from trocar.procs.tables import codes
 from trocar.shm.system.events import WARNING
-from trocar.shm.time.clock import local_ns
 
 LOOK_NS: Final = 200_000_000
 FILES_NS: Final = 2_000_000_000
@@ -45,7 +44,7 @@ class TimelineSource:
         self._take([(name, event) for name, reader in self._readers for event in reader.last(reader.depth)])
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """Times are times of day in ms; `now`: that of this message; `t`: the system's time, s, of this run."""
+        """Times are times of day in ms; `t`: the system's time, s, in this run."""
         if now_ns >= self._look_ns:
             self._look_ns = now_ns + LOOK_NS
             self._take([(name, event) for name, reader in self._readers for event in _new(reader)])
@@ -56,8 +55,7 @@ class TimelineSource:
             rows[-1]["at"] for rows in (self._marks, self._faults) if rows)
         if key != self._key:
             self._key = key
-            self._shown = {"age": 0.0, "now": local_ns() // 1_000_000, "begin": self._past.begin_ns // 1_000_000,
-                           "marks": self._with_files()}
+            self._shown = {"age": 0.0, "begin": self._past.begin_ns // 1_000_000, "marks": self._with_files()}
         return self._shown
 
     def _take(self, events: Sequence[tuple[str, Any]]) -> None:

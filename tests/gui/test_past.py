@@ -17,6 +17,7 @@ from tests.tools.robot import KEPT, ScriptedRobot, robot
 from trocar.procs.document.system import from_json
 from trocar.procs.gui.past import MAX_SPAN_MS, Past, _thinned
 from trocar.procs.gui.timeline_source import FILES_NS, LOOK_NS, TimelineSource
+from trocar.procs.gui.times import Times
 from trocar.procs.recordings import names
 from trocar.procs.recordings.facts import document_of, facts_of
 from trocar.procs.recordings.snapshot import take
@@ -41,6 +42,7 @@ def was(past: Past, ago_s: float, *sources: str, span_ms: int = 0, points: int =
     parts = {"at": at, "from": at - span_ms, "to": at, "points": points, "sources": sources}
     found: dict[str, Any] = orjson.loads(past.ask(parts, 1).result(30))
     assert found["id"] == 1 and found["at"] == at
+    assert found["known"] == any(row["age"] is not None for name, row in found["data"].items() if name == STATE)
     return dict(found["data"])
 
 
@@ -167,3 +169,10 @@ def test_a_page_asks_one_question_at_a_time(world: World, tmp_path: Path) -> Non
             console.all.leave(browser)
 
     play(world.name, story)
+
+
+def test_slow_simulated_time_has_its_times_of_day() -> None:
+    times = Times(np.array([10, 0, 5]) * 10**9, np.array([1100, 1000, 1020]) * 10**9)
+    assert times.local(np.array([-1, 0, 2, 7, 11]) * 10**9).tolist() == [
+        999 * 10**9, 1000 * 10**9, 1008 * 10**9, 1052 * 10**9, 1101 * 10**9]
+    assert [times.stamp(at * 10**9) // 10**9 for at in (1008, 1052, 1105, 0)] == [2, 7, 15, 0]

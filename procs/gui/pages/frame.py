@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 from trocar.procs.document.system import WALL, SystemConfig
+from trocar.procs.gui.catalogue import TIMELINE
 from trocar.procs.gui.pages.assets import assets, script
 from trocar.procs.gui.pages.buttons import has_buttons
 from trocar.procs.gui.pages.element import Part
@@ -80,6 +81,7 @@ def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterat
             _bar(document, here)
             with Part("main", "content", data_wants=" ".join(wants)):
                 yield whole
+            _timeline()
             _dialogs()
 
 
@@ -99,6 +101,7 @@ def _head(document: SystemConfig, here: str) -> None:
         Part("link", rel="icon", href=f"{assets()}/icon.svg")
         Part("link", rel="stylesheet", href=f"{assets()}/style.css")
         script("live.js")
+        script("timeline.js")
 
 
 def _is_at(here: str, path: str) -> bool:
@@ -107,7 +110,7 @@ def _is_at(here: str, path: str) -> bool:
 
 
 def _bar(document: SystemConfig, here: str) -> None:
-    with Part("header", "bar"):
+    with Part("header", "bar", data_present=True):
         Part("a", "brand", "Trocar", href="/")
         Part("span", "system", document.name, title=document.source)
         with Part("nav"):
@@ -126,6 +129,33 @@ def _bar(document: SystemConfig, here: str) -> None:
                title="Ctrl + O. Works from every page, without control. It is no emergency stop.")
         if here != "/":  # which shows them
             power_buttons(document, hidden=True)
+        _past()
+
+
+def _past() -> None:
+    """The words of a page that shows the past."""
+    with box("past", id="past", hidden=True):
+        Part("b", "", "THE PAST", role="status")
+        Part("b", id="past-when")
+        Part("span", id="past-clock")
+        Part("span", "what", id="past-what")
+        Part("b", "news", id="past-news", role="alert")
+        box("spacer")
+        Part("a", "button", id="past-file", download=True, hidden=True)
+        Part("button", "", "Return to live", type="button", id="past-live")
+
+
+def _timeline() -> None:
+    """The bar of times; it always shows the present's."""
+    with Part("footer", "timeline", id="timeline", data_present=True, data_wants=TIMELINE, aria_label="Timeline"):
+        Part("button", "on", "Live", type="button", id="live", title="The present (End)")
+        Part("span", "quiet", id="time-begin")
+        with box("track"):
+            Part("input", type="range", id="time", min="-2", max="0", step="any", value="0", aria_label="Time shown",
+                 title="Arrows 1 s, with Shift 0.1 s; Page keys 10 s; Home the oldest, End live")
+            box("marks", id="time-marks", aria_hidden="true")
+        Part("output", "", id="time-shown", for_="time")
+        box("scroll", id="faults", role="group", aria_label="Faults: press to see the moment before")
 
 
 def _dialogs() -> None:

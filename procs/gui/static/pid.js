@@ -1,5 +1,6 @@
 // The page PID: gains that are edited and applied, the plot of one joint, and a step to try them.
-import { confirmed, data, hasControl, note, onTick, perform, sourceAge, value } from "./live.js";
+import { confirmed, data, denied, hasControl, isPast, note, onTick, perform, sourceAge, value } from "./live.js";
+import { marksIn, pastView } from "./timeline.js";
 import { Trace } from "./trace.js";
 import { perUnit, typed, unit } from "./units.js";
 
@@ -75,7 +76,7 @@ function discard() {
 
 async function apply(button) {
   const found = changed();
-  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
+  if (denied(button)) return;
   if (!found.length) return note(button, "bad", "Nothing was changed.");
   const wrong = found.find((input) => wanted(input) === null);
   if (wrong) return note(button, "bad", wrong.title);
@@ -125,6 +126,7 @@ at("save").addEventListener("click", async (event) => {
 // --- plot
 
 const trace = new Trace(at("trace"));
+const before = new Trace(at("trace"), 0.5); // of the past
 let taken = null;
 let paused = false;
 let first = 0;
@@ -152,14 +154,23 @@ function draw() {
 
 function paint() {
   const chosen = [...page.querySelectorAll(".legend input:checked")].map((box) => +box.value);
-  trace.draw(chosen, +at("span").value, perUnit(slides()), unit(slides()), slides() ? "N" : "N·m");
+  const view = pastView();
+  const marks = view ? marksIn(view.from, view.to, true).map(({ t, kind }) => [t - view.from, kind]) : marksIn(first, Infinity, false).map(({ t, kind }) => [t - first, kind]);
+  if (view) marks.push([view.at - view.from, "now"]);
+  (view ? before : trace).draw(chosen, +at("span").value, perUnit(slides()), unit(slides()), slides() ? "N" : "N·m", marks);
 }
 
 function take() {
   const found = data(`${traces}${at("axis").value}`);
-  if (!found?.t || found === taken) return;
+  if (found === taken) return;
   taken = found;
-  if (paused) return;
+  const view = pastView();
+  if (view) {
+    before.clear();
+    if (found?.t) before.add(found.t.map((t) => t - view.from), found.v);
+    return draw();
+  }
+  if (!found?.t || paused) return;
   first ||= found.t[0];
   trace.add(found.t.map((t) => t - first), found.v);
 }
@@ -182,7 +193,7 @@ async function step(button) {
   const word = slides() ? "mm" : "°";
   const axis = +at("axis").value;
   const joints = value(`${arm}/state.count`);
-  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
+  if (denied(button)) return;
   if (size === null || !size || Math.abs(size) > most) return note(button, "bad", `A step of up to ${most} ${word}, not 0, is needed.`);
   if (time === null || time < 0.1 || time > 5) return note(button, "bad", "A time from 0.1 to 5 s is needed.");
   if (!(axis < joints)) return note(button, "bad", `${arm} has no joint of that number now.`);
@@ -235,6 +246,7 @@ at("step").addEventListener("click", (event) => step(event.currentTarget));
 
 choose();
 let isRecalled = false;
+let wasPast = false;
 onTick(() => {
   if (!isRecalled && data(gains)) {
     isRecalled = true;
@@ -242,7 +254,8 @@ onTick(() => {
   }
   follow();
   take();
-  if (!paused) draw();
+  if (!paused || isPast() !== wasPast) draw();
+  wasPast = isPast();
   const word = slides() ? "mm" : "°";
   if (at("step-unit").textContent !== word) at("step-unit").textContent = word;
 });
