@@ -8,6 +8,7 @@ import json
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -60,9 +61,9 @@ class ConsoleService:
     """Name of the pages that this server has: a page of another name is not its own."""
     generation: Callable[[], int]
     """Number of faults of the system so far."""
-    past: Past | None = None
     power_off: Sequence[Any] = ()
     """Steps of Power off: a page of other pages than these uses them, too."""
+    past: Past | None = None
     ticks: Ticks = field(default_factory=Ticks)
     control: BrowserControl = field(default_factory=BrowserControl)
     counts: ClientCounts = field(default_factory=ClientCounts)
@@ -189,13 +190,16 @@ class Browser:
         if self._served.past is None or self._remembered is not None:
             raise WrongMessage("one question about the past at a time")
         self._remembered = asyncio.wrap_future(self._served.past.ask(asked.parts, asked.id))
-        self._remembered.add_done_callback(self._remember)
+        self._remembered.add_done_callback(partial(self._remember, asked.id))
 
-    def _remember(self, found: asyncio.Future[bytes]) -> None:
-        if found.cancelled() or (error := found.exception()) is not None:
+    def _remember(self, number: Any, found: asyncio.Future[bytes]) -> None:
+        if found.cancelled():
+            return
+        error = found.exception()
+        if error is not None:
             self._remembered = None
-            self._refuse(None, "" if found.cancelled() else str(error))
-        elif not self._is_over:
+            self._refuse(number, str(error))
+        else:
             self._answers.append(found.result())
             self._news.set()
 

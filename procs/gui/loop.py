@@ -61,7 +61,7 @@ class GuiLoop(ServingLoop):
         models = node.hold(ArmModels(document))
         self._browsers = node.hold(Browsers(ConsoleService(
             document.name, owners_of(document), sources, node.pauses.is_over, models, name_of(texts),
-            node.faults().generation, past, power_off(document))))
+            node.faults().generation, power_off(document), past)))
         token, tls = token_in(console.token_file or _made_token(document)), tls_of(console)
         pages = application(document, texts, self._live, node.log)
         self._server = _Server(uvicorn.Config(

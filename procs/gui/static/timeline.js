@@ -7,6 +7,7 @@ const slider = at("time");
 const BEFORE_MS = 500; // a fault's button goes to the moment before it
 const NEAR_MS = 60000; // around a fault, its words are shown
 const POINTS = 1500;
+const AGAIN_MS = 500; // without a connection
 const KEPT_MS = 5000; // so long a change of pages may take
 let aim = null; // the time to show, ms; null: the present
 let shownAt = null; // the time that is shown
@@ -55,6 +56,10 @@ async function look() {
     const from = Math.min(to, Math.round(mine - (3 * span()) / 4));
     const [outcome, found] = await ask({ op: "past", at: mine, from, to, points: POINTS, sources });
     if (aim === null) break;
+    if (outcome === "lost") {
+      await new Promise((go) => setTimeout(go, AGAIN_MS));
+      continue;
+    }
     if (outcome !== "done") {
       note(slider, "bad", `The past cannot be shown: ${found}`);
       if (!isPast()) aim = null;
@@ -157,7 +162,7 @@ function refresh() {
   const oldest = Math.min(begin || now() - 2000, aim ?? Infinity);
   slider.min = -Math.max(2, Math.ceil((now() - oldest) / 1000));
   slider.value = aim === null ? 0 : (aim - now()) / 1000;
-  const text = aim === null ? "live" : `${lasting(now() - aim)} ago`;
+  const text = aim === null ? "live" : aim === shownAt ? `${lasting(now() - aim)} ago` : "loading…";
   put(at("time-shown"), text);
   if (slider.getAttribute("aria-valuetext") !== text) slider.setAttribute("aria-valuetext", text);
   at("live").classList.toggle("on", aim === null);
