@@ -44,21 +44,21 @@ class Verb:
 
 
 VERBS: tuple[Verb, ...] = (
-    Verb("demo", "verbs.demo:demo", "Demo: a simulated operator draws with a master, and a PSM follows.", moves=True),
-    Verb("up", "verbs.up:up", "Start a system, without powering or moving anything.", moves=True),
+    Verb("demo", "verbs.demo:demo", "Run a demo: a simulated operator moves a master, and a PSM follows.", moves=True),
+    Verb("up", "verbs.up:up", "Start a system; nothing is powered or moved.", moves=True),
     Verb("down", "verbs.down:down", "Stop a system, and clean up after crashed systems.", moves=True),
     Verb("start", "verbs.processes:start", "Start one process of a running system.", moves=True),
-    Verb("stop", "verbs.processes:stop", "Stop one process, and list those that depend on it.", moves=True),
+    Verb("stop", "verbs.processes:stop", "Stop one process, and list the processes that depend on it.", moves=True),
     Verb("restart", "verbs.processes:restart", "Stop one process and start it again.", moves=True),
-    Verb("power-on", "verbs.power:power_on", "Enable the arms.", moves=True),
-    Verb("home", "verbs.power:home", "Power on where needed and home the arms.", moves=True),
-    Verb("power-off", "verbs.power:power_off", "Disable the arms.", moves=True),
-    Verb("send", "verbs.send:send", "Send any command to a component.", moves=True, raw=True),
+    Verb("power-on", "verbs.power:power_on", "Power the arms on, without homing them.", moves=True),
+    Verb("home", "verbs.power:home", "Home the arms, and power them on first where needed.", moves=True),
+    Verb("power-off", "verbs.power:power_off", "Power the arms off.", moves=True),
+    Verb("send", "verbs.send:send", "Send a command to a process, e.g. an arm.", moves=True, raw=True),
     Verb("get", "verbs.properties:get", "Show the properties of processes and their values."),
     Verb("set", "verbs.properties:set_property", "Set a property of a process.", moves=True, raw=True),
     Verb("record", "verbs.record:record", "Record topics to a file, at full rate."),
     Verb("stream", "verbs.stream:stream", "Stream joint setpoints from a CSV file to an arm.", moves=True),
-    Verb("replay", "verbs.replay:replay", "Replay a recording.", moves=True),
+    Verb("replay", "verbs.replay:replay", "Repeat the motion of a recording, or show its records.", moves=True),
     Verb("pid", "", "Show, change and save the gains of the joint controllers.", moves=True, parts=(
         Verb("show", "verbs.pid:show", "Print the gains in use."),
         Verb("set", "verbs.pid:set_gains", "Change gains of a running controller.", moves=True),
@@ -70,34 +70,35 @@ VERBS: tuple[Verb, ...] = (
         Verb("write", "verbs.bus:write", "Write a register; asks first.", moves=True),
         Verb("watch", "verbs.bus:watch", "Live view of one board."),
     )),
-    Verb("status", "verbs.status:status", "Show what is wrong and what to do: processes, arms, teleoperations."),
-    Verb("logs", "verbs.logs:logs", "Show log output."),
+    Verb("status", "verbs.status:status", "Show processes, arms and teleoperations, and the next thing to do."),
+    Verb("logs", "verbs.logs:logs", "Show the logs of processes."),
     Verb("list", "verbs.listing:list_topics", "List topics with their rates and fields."),
     Verb("hz", "verbs.listing:hz", "Measure the rates of topics."),
     Verb("echo", "verbs.echo:echo", "Print the values of a topic."),
-    Verb("scope", "verbs.scope:scope", "Fields at full rate around an event, as a plot or a table."),
+    Verb("scope", "verbs.scope:scope", "Show fields of topics around an event, as a plot or a table."),
     Verb("export", "verbs.export:export", "Export a recording as CSV, Parquet or rosbag2."),
     Verb("compare", "verbs.compare:compare", "Compare two recordings."),
-    Verb("attach", "verbs.attach:attach", "Full-screen live monitor."),
+    Verb("attach", "verbs.attach:attach", "Open the full-screen live monitor."),
     Verb("recordings", "verbs.recordings:recordings", "List recordings."),
     Verb("dump", "verbs.dump:dump", "Save a system's shared memory, even after a crash."),
     Verb("report", "verbs.report:report", "Pack logs, recordings and version numbers for a bug report."),
-    Verb("rl", "", "Environments for learning.", moves=True, parts=(
+    Verb("rl", "", "Run policies in environments for learning.", moves=True, parts=(
         Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment: on this machine, on Ray, or on a robot.",
              moves=True),
     )),
     Verb("new-arm", "new_arm.verb:new_arm", "Write the configuration files of a new arm."),
-    Verb("commission", "commission.verb:commission", "Commission a robot, stage by stage.", moves=True),
+    Verb("commission",
+         "commission.verb:commission", "Prepare a robot for its first motion, stage by stage.", moves=True),
     Verb("check", "verbs.check:check", "Validate configuration files."),
-    Verb("kinematics", "", "Compute kinematics and gravity from files; reads and writes JSON lines.", parts=(
+    Verb("kinematics", "", "Compute kinematics and gravity of an arm from its files.", parts=(
         Verb("fk", "verbs.kinematics:fk", "Pose of the tip."),
         Verb("jacobian", "verbs.kinematics:jacobian", "Body and spatial Jacobian."),
         Verb("ik", "verbs.kinematics:ik", "Joints for a pose, or why none reach it."),
         Verb("gravity", "verbs.kinematics:gravity", "Efforts that hold the arm."),
     )),
-    Verb("convert", "verbs.convert:convert", "Convert configuration files from before dVRK 2.4."),
+    Verb("convert", "verbs.convert:convert", "Convert configuration files older than dVRK 2.4."),
     Verb("doctor", "verbs.doctor:doctor", "Check this machine and suggest fixes."),
-    Verb("bench", "verbs.bench:bench", "Measure the machine and the software."),
+    Verb("bench", "verbs.bench:bench", "Measure the speed of this machine and of Trocar."),
 )
 
 PANELS = {True: "Verbs that may start, stop, power or move something",
@@ -122,7 +123,8 @@ def build(only: str | None = None) -> typer.Typer:
     app = typer.Typer(
         name="trocar", cls=VerbGroup, help="Drive and inspect da Vinci research robots.", no_args_is_help=True,
         pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
-        epilog="Exit codes: 0 fine, 1 something is wrong, 2 usage error, 130 Ctrl-C. Example: trocar demo --for 10",
+        epilog="Exit codes: 0 success, 1 problem, 2 usage error, 130 Ctrl-C. Help for a verb: trocar VERB --help. "
+        "Example: trocar demo --for 10",
     )
     app.callback()(_nothing)
     for verb in VERBS:

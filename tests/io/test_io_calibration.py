@@ -59,7 +59,7 @@ def test_an_si_arm_gets_power_for_its_brakes_only() -> None:
     assert not harness.record.amp_on[:n].any() and harness.record.amp_on[n:].all()
     assert harness.do("bias_encoders", "PSM1", 30).outcome == "done"
     assert harness.do("pid_enable", "PSM1", 1).answers == [
-        ("refused", "in calibration mode the motor amplifiers of a dRA1 stay off")]
+        ("refused", "in calibration mode, the motor amplifiers of a dRA1 controller stay off")]
     assert harness.do("brake_release", "PSM1").outcome == "done"
     harness.run(3.5)  # beyond all grace times
     assert harness.record.brakes_released[0] and harness.errors() == [] and harness.record.power_requested[0]

@@ -42,7 +42,7 @@ def test_echo_of_events_prints_the_history_with_local_time(kinematic: ScriptedRo
         "AT  status  PSM1: HOMED",
         "AT  operating_state  ENABLED (HOMED), homed",
         "AT  error tracking  PSM1 axis 2 (insertion), board 6: cannot follow; "
-        "check for a collision, too fast a command, or an encoder jump, then trocar home PSM1",
+        "check for a collision, a command that is too fast, or an encoder jump, then trocar home PSM1",
     ]
 
 

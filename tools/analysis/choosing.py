@@ -28,12 +28,12 @@ TIMED: Final = IN_TIME - {"supervisor"}
 
 TopicsOption = Annotated[
     list[str] | None,
-    typer.Option("--topics", metavar="TOPIC", help="Only these, e.g. PSM1/state or 'PSM*/*'; repeatable."),
+    typer.Option("--topics", metavar="TOPIC", help="Topic, e.g. PSM1/state or 'PSM*/*'; repeatable; default: all."),
 ]
 FromOption = Annotated[float, typer.Option(
-    "--from", min=0.0, metavar="S", help="Begin this many seconds into the recording.")]
+    "--from", min=0.0, metavar="S", help="Begin, in seconds after the start of the recording.")]
 ToOption = Annotated[float | None, typer.Option(
-    "--to", min=0.0, metavar="S", help="End this many seconds into the recording.")]
+    "--to", min=0.0, metavar="S", help="End, in seconds after the start of the recording.")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,28 +77,32 @@ def _has_no_table(robot: Robot) -> bool:
 @ended_as_by_ctrl_c()
 def commission(
     file: Annotated[Path, typer.Argument(metavar="SYSTEM", help="System file.")],
-    boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse without hardware.")] = "",
+    boards: Annotated[str, typer.Option(
+        "--boards", help="`emulated`: rehearse on emulated boards, without hardware.")] = "",
     path: PathOption = None,
-    stage: Annotated[str, typer.Option("--stage", help="Repeat one stage; those before it must have passed.")] = "",
+    stage: Annotated[str, typer.Option("--stage", help="Stage to repeat. All earlier stages must have passed.")] = "",
     listed: Annotated[bool, typer.Option("--list", help="List the stages, and show which have passed.")] = False,
-    arm: Annotated[list[str] | None, typer.Option("--arm", help="Only this arm; may be given several times.")] = None,
+    arm: Annotated[list[str] | None, typer.Option("--arm", help="Arm to commission; repeatable; default: all.")] = None,
     write: Annotated[bool, typer.Option(
-        "--write", help="Write the calibration into the files in use; FILE.bak1 keeps the old content.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation; only for emulated boards.")] = False,
+        "--write", help="Write the calibration into your files. FILE.bak1 keeps the old content.")] = False,
+    yes: Annotated[bool, typer.Option(
+        "--yes", help="Confirm every step automatically; only with emulated boards.")] = False,
     report: Annotated[Path | None, typer.Option(
         "--report", help="Report file; default: commission-SYSTEM.json.")] = None,
     pack_into: Annotated[Path | None, typer.Option(
-        "--pack", metavar="FILE", help="Run no stage; pack the report, configuration files, logs, recordings and "
-        "version numbers into this new .tar.gz, ready to send.")] = None,
+        "--pack", metavar="FILE",
+        help="New .tar.gz file for the report, configuration files, logs, recordings and version "
+        "numbers, ready to send. No stage is run.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
-        "--set", metavar="KEY=VALUE", help="Set a key of the system file's `trocar:` section.")] = None,
+        "--set", metavar="KEY=VALUE", help="Value for a key of the file's `trocar:` section.")] = None,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", metavar="NAME", help="Name of the system during commissioning."),
     ] = default_system(NAME),
 ) -> int:
-    """Take a robot through its first day in stages, from finding the boards to slow motion; each stage stops at the
-    first problem and says what to do. A rerun resumes after the last stage that passed. First read
-    docs/first-hardware.md.
+    """Prepare a robot for its first motion, in stages: from finding the boards to slow motion.
+
+    First read docs/first-hardware.md. Each stage stops at the first problem, and names the remedy. The same command
+    then resumes after the last stage that passed.
 
     Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
     """

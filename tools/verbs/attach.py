@@ -16,15 +16,15 @@ from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def attach(
-    once: Annotated[bool, typer.Option("--once", help="Print it once and exit, as without a terminal.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Print everything once as text, and exit.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Full-screen live monitor: processes, topics, values of any record, events, arms, commands. Changes nothing.
+    """Open the full-screen live monitor: processes, topics, values, events, arms and commands.
 
-    The keys are shown at the bottom: 1 to 6 or Tab select the page, / searches, f freezes, q quits. It needs no
-    configuration, attaches at any time, and shows the data that a crashed system left in shared memory, marked as such.
-    With --json, the output is one object. Without a terminal, everything is printed once as text.
+    The monitor only reads. It can be opened at any time, and needs no configuration. Keys: 1 to 6 or Tab select a page,
+    / searches, f freezes, q quits. If a system has crashed, the monitor shows the data left in shared memory, and marks
+    them. With --json, the output is one object. Without a terminal, the monitor prints everything once as text.
 
     Example: trocar attach
 

@@ -24,23 +24,25 @@ BENCHES: Final = {
 
 
 def bench(
-    name: Annotated[str, typer.Argument(metavar="NAME", help=f"Measurement: {', '.join(BENCHES)}.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help=f"Measurement to run: {', '.join(BENCHES)}.")],
     file: Annotated[Path | None, typer.Argument(
-        metavar="[SYSTEM]", help="System file (measurement `system` only); default: a supplied one.")] = None,
+        metavar="[SYSTEM]", help="System file, only for `system`; default: a supplied file.")] = None,
     path: Annotated[list[Path] | None, typer.Option(
-        "--path", help="Additional folder to search (measurement `system` only).")] = None,
+        "--path", help="Additional folder to search for files, only for `system`.")] = None,
     boards: Annotated[str, typer.Option(
-        "--boards", help="`emulated`: without hardware (measurement `system` only).")] = "",
+        "--boards", help="`emulated`: without hardware; only for `system`.")] = "",
     seconds: Annotated[float, typer.Option(
-        "--seconds", min=0.0, help="teleop, system, bridges, gui, recorder, rl: seconds; 0: default.")] = 0.0,
-    browser: Annotated[bool, typer.Option("--browser", help="gui: also in a real browser, Chromium.")] = False,
+        "--seconds", min=0.0,
+        help="Duration in s, for teleop, system, bridges, gui, recorder and rl; 0: default.")] = 0.0,
+    browser: Annotated[bool, typer.Option(
+        "--browser", help="Also measure in the browser Chromium, only for gui.")] = False,
     sets: Annotated[list[str] | None, typer.Option(
-        "--set", metavar="KEY=VALUE", help="teleop, system: as for up.")] = None,
+        "--set", metavar="KEY=VALUE", help="Value for a key of the system file, only for teleop and system.")] = None,
     as_json: JsonOption = False,
 ) -> Any:
-    """Measure this machine and this software; figures are ratios or times of one run.
+    """Measure the speed of this machine and of Trocar. The figures are times and ratios from one run.
 
-    The native library (procs/native) is used if it is compiled; with TROCAR_NATIVE=0 in the environment numpy is used.
+    If the native library is compiled, it is used. With TROCAR_NATIVE=0 in the environment, numpy is used instead.
 
     Example: trocar bench system --seconds 5 --json
     """

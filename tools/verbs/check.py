@@ -23,16 +23,18 @@ SUFFIXES = (".json", ".yaml")
 
 def check(
     files: Annotated[list[Path] | None, typer.Argument(
-        metavar="FILES...", help="System files, or any file that a system file refers to.")] = None,
+        metavar="FILES...", help="System files, or any file that a system file names.")] = None,
     path: PathOption = None,
     boards: Annotated[str | None, typer.Option(
-        "--boards", help="Boards to check for, `emulated` or `real`; default: those in the files.")] = None,
+        "--boards", help="`emulated` or `real` boards; default: as in the files.")] = None,
     sets: SetOption = None,
     schema: Annotated[str, typer.Option(
-        "--schema", metavar="KIND", help="Print the JSON Schema of a kind of file: system, io, pid, psm, …")] = "",
+        "--schema", metavar="KIND", help="Kind of file whose JSON Schema is printed: system, io, pid, psm, …")] = "",
     as_json: JsonOption = False,
 ) -> int:
-    """Validate configuration files; report each mistake with file, line, key, value, and what is allowed.
+    """Validate configuration files, without starting anything.
+
+    Each mistake is reported with its file, line, key, value and the allowed values.
 
     Example: trocar check configs/systems/demo.yaml
     """

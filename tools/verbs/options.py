@@ -18,18 +18,18 @@ SystemOption = Annotated[
 ]
 ClockOption = Annotated[
     str, typer.Option("--clock", metavar="CLOCK",
-                      help="wall (real time), paced (simulated, never faster than real time) or lockstep (simulated, "
-                      "as fast as possible); default: wall with hardware, else paced."),
+                      help="Clock of the system. wall: real time. paced: simulated time, never faster than real time. "
+                      "lockstep: simulated time, as fast as possible. Default: wall with hardware, else paced."),
 ]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a key of the file's `trocar:` section, e.g. "
-                                   "io.period_s=0.001; docs/configuration.md lists all keys."),
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Value for a key of the file's `trocar:` "
+                                   "section, e.g. io.period_s=0.001. docs/configuration.md lists all keys."),
 ]
 PathOption = Annotated[
-    list[Path] | None, typer.Option("--path", metavar="FOLDER", help="Additional folder in which to search for files; "
-                                    "may be given several times."),
+    list[Path] | None, typer.Option("--path", metavar="FOLDER",
+                                    help="Additional folder to search for files; repeatable."),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="JSON for programs, one object per line.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Output as JSON, one object per line.")]
 
 
 def clock_set(clock: str) -> tuple[str, ...]:

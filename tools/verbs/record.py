@@ -33,25 +33,24 @@ SHOWN: Final = ("name", "path", "passed_s", "bytes", "messages", "lost", "proble
 @ended_as_by_ctrl_c()
 def record(
     name: Annotated[str, typer.Argument(
-        metavar="[NAME]", help="Name of the recording; its file is NAME-TIME.mcap.")] = "",
+        metavar="[NAME]", help="Name of the recording. Its file is NAME-TIME.mcap.")] = "",
     topics: Annotated[list[str] | None, typer.Argument(
         metavar="[TOPICS]...",
-        help="Topics; the name of a process stands for all its topics; default: all arms, io and consoles.")] = None,
+        help="Topics, or processes with all their topics. Default: all arms, io and consoles.")] = None,
     seconds: Annotated[float, typer.Option(
-        "--for", min=0.0, max=86400.0, help="Seconds of the system's time; 0: until Ctrl-C.")] = 0.0,
+        "--for", min=0.0, max=86400.0, help="Seconds to record, in the system's time; 0: until Ctrl-C.")] = 0.0,
     stop: Annotated[bool, typer.Option("--stop", help="End the running recording of this name.")] = False,
     detach: Annotated[bool, typer.Option(
-        "--detach", help="Return once the recording has begun; --stop ends it.")] = False,
+        "--detach", help="Return when the recording has begun. --stop ends the recording.")] = False,
     keep: Annotated[bool, typer.Option(
-        "--keep", help="Save the last few minutes now, as after a fault; NAME is stored as the reason.")] = False,
+        "--keep", help="Save the last few minutes now, as after a fault. NAME is the reason.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Record topics to a file: every record, and all events and commands. Ctrl-C ends it.
+    """Record topics to a file, with every event and command. Ctrl-C ends the recording.
 
-    The recording also ends if this program ends for another reason, e.g. a closed terminal; with --detach it continues.
-
-    Where files are, what is in them and how to open them: docs/recordings.md. Exit code 1: records are missing.
+    If this program ends, e.g. with its terminal, the recording also ends. With --detach, the recording continues until
+    --stop. docs/recordings.md describes the files. Exit code 1: records are missing.
 
     Example: trocar record grasp PSM1 IO1/state --for 2
     """

@@ -30,32 +30,35 @@ SPEEDS = 0.01, 100.0
 
 @ended_as_by_ctrl_c()
 def replay(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
-    arms: Annotated[list[str] | None, typer.Option("--arms", metavar="ARM", help="Only this arm; repeatable.")] = None,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording to replay.")],
+    arms: Annotated[list[str] | None, typer.Option(
+        "--arms", metavar="ARM", help="Arm to replay; repeatable; default: all.")] = None,
     commands: Annotated[bool, typer.Option(
-        "--commands", help="Send the recorded motion commands, not the setpoints.")] = False,
-    name: Annotated[str, typer.Option("--as", metavar="NAME", help="Show the records as a system of this name.")] = "",
-    fresh: Annotated[bool, typer.Option("--fresh", help="Repeat the run in a new system and compare.")] = False,
+        "--commands", help="Send the recorded motion commands instead of the setpoints.")] = False,
+    name: Annotated[str, typer.Option(
+        "--as", metavar="NAME", help="Name of a read-only system that shows the records.")] = "",
+    fresh: Annotated[bool, typer.Option(
+        "--fresh", help="Repeat the recorded run in a new system, and compare.")] = False,
     into: Annotated[Path | None, typer.Option(
-        "--into", metavar="FILE.mcap", help="With --fresh: file for the new run.")] = None,
+        "--into", metavar="FILE.mcap", help="File for the new run; only with --fresh.")] = None,
     speed: Annotated[float, typer.Option("--speed", help="Speed factor: 0.5 takes twice as long.")] = 1.0,
     topics: TopicsOption = None,
     begin: FromOption = 0.0,
     end: ToOption = None,
-    real: Annotated[bool, typer.Option("--real-robot", help="Allow motion of a robot that is not emulated.")] = False,
+    real: Annotated[bool, typer.Option("--real-robot", help="Permit motion of a real robot.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Send recorded setpoints to homed arms of a running system: the arms first move slowly to the start of the
-    recording, then follow it at the recorded speed.
+    """Replay a recording in one of three ways: move arms, show the records, or repeat the run.
 
-    With --commands, the recorded commands (move_jp …) are sent instead of the setpoints. Real robots need
-    --real-robot. The replay ends if an arm faults, or on Ctrl-C; the arms then hold.
+    Move arms, the default: homed arms of a running system move slowly to the start of the recording. They then follow
+    the recorded setpoints at the recorded speed; with --commands, recorded commands such as move_jp are sent instead. A
+    real robot needs --real-robot. A fault of an arm or Ctrl-C ends the replay, and the arms hold their position.
 
-    With --as, the records appear as a read-only system, for list, echo, scope and bridges.
+    Show the records: --as NAME. A read-only system appears for list, echo, scope and bridges.
 
-    With --fresh, a recorded run is repeated from its start in a new system, and compared with the recording bit for
-    bit; the recorded run must have used simulated time. Exit code 1: they differ.
+    Repeat the run: --fresh. A new system repeats the run from its start, and every bit is compared with the recording.
+    The recorded run must have used simulated time. Exit code 1: the runs differ.
 
     Example: trocar replay monday.mcap --arms PSM1 --speed 0.5
 

@@ -29,39 +29,42 @@ MIN_WIDTH, MAX_WIDTH = 40, 160
 
 
 def scope(
-    fields: Annotated[list[str], typer.Argument(metavar="FIELD…", help="E.g. PSM1/measured_js.velocity[0] or [0:3].")],
-    when: Annotated[str, typer.Option("--when", metavar="CONDITION", help="Trigger; default: capture now.")] = "",
+    fields: Annotated[list[str], typer.Argument(
+        metavar="FIELD…", help="Field of a topic, e.g. PSM1/measured_js.velocity[0] or …velocity[0:3].")],
+    when: Annotated[str, typer.Option(
+        "--when", metavar="CONDITION", help="Condition that triggers the plot; default: plot now.")] = "",
     before: Annotated[float | None, typer.Option(
         "--before", min=0.0, max=MAX_S,
-        help="Seconds before the trigger, or, without --when, before now; default: 0.5.")] = None,
+        help="Seconds before the trigger; default: 0.5.")] = None,
     after: Annotated[float | None, typer.Option(
         "--after", min=0.0, max=MAX_S, help="Seconds after the trigger; default: 0.5.")] = None,
     timeout: Annotated[float | None, typer.Option(
-        "--timeout", min=0.0, help="Seconds of real time to wait for the trigger; then exit code 1.")] = None,
+        "--timeout", min=0.0, help="Maximum wait for the trigger, in seconds of real time.")] = None,
     past: Annotated[bool, typer.Option(
-        "--past", help="Show the most recent stored occurrence; do not wait for the next.")] = False,
+        "--past", help="Search the stored data for the newest trigger; do not wait.")] = False,
     csv: Annotated[str, typer.Option(
-        "--csv", metavar="FILE", help="Write all records as CSV to this file; `-`: standard output.")] = "",
-    png: Annotated[str, typer.Option("--png", metavar="FILE", help="A PNG plot; needs matplotlib.")] = "",
-    height: Annotated[int, typer.Option("--height", min=3, max=40, help="Lines of text per plot.")] = 6,
+        "--csv", metavar="FILE", help="CSV file for all records; `-`: standard output.")] = "",
+    png: Annotated[str, typer.Option("--png", metavar="FILE", help="PNG file for the plot; needs matplotlib.")] = "",
+    height: Annotated[int, typer.Option("--height", min=3, max=40, help="Height of each plot in lines of text.")] = 6,
     as_json: JsonOption = False,
     recording: RecordingOption = None,
     begin: FromOption = 0.0,
     end: ToOption = None,
     system: SystemOption = None,
 ) -> int:
-    """Show fields at full rate around a point in time, like an oscilloscope.
+    """Plot fields of topics at full rate, like an oscilloscope.
 
-    A condition has one of four forms: `FIELD OP VALUE`; `abs(FIELD) OP VALUE`; `event NAME WHAT`; `fault NAME`. OP is
-    > >= < <= == or !=. VALUE is a number, or a word such as FAULT. NAME and WHAT may be left out. WHAT is a severity, a
-    code, or a part of the event's text in quotes. Combine conditions with `and`, `or`, `not` and brackets. If FIELD has
-    several elements, the condition is met when any one of them meets it. Without --when, the last half second is shown
-    immediately.
+    Without --when, scope plots the last 0.5 s. With --when CONDITION, scope waits until the condition becomes
+    true, and plots the time around this trigger. Exit code 1: no trigger.
 
-    Shared memory holds the last 1.9 s of data (0.7 s in a system without boards). If --before asks for more, the rest
-    exists only for data written after this command started. This command also reads recordings and the memory of a
-    crashed system; both imply --past. Fields that are computed only on request are requested by this command, and have
-    no values from before it started. Exit code 1: the condition was not met.
+    CONDITION has one of four forms: `FIELD OP VALUE`, `abs(FIELD) OP VALUE`, `event NAME WHAT`, `fault NAME`. OP is one
+    of > >= < <= == and !=. VALUE is a number, or a word such as FAULT. NAME is a process. WHAT is a severity, a code,
+    or text in quotes. NAME and WHAT may be left out. Combine conditions with `and`, `or`, `not` and brackets. A FIELD
+    with several elements triggers if one element meets the condition.
+
+    Shared memory holds the last 1.9 s, or 0.7 s in a system without boards. If --before is longer, scope collects the
+    missing data after its start. Some fields are computed only on request: scope requests them, and plots them from its
+    start. With --recording, or after a crash, scope searches the stored data, as with --past.
 
     Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 1
 

@@ -19,20 +19,23 @@ from trocar.tools.verbs.options import JsonOption, SystemOption
 
 def send(
     component: Annotated[str, typer.Argument(
-        metavar="COMPONENT", help="Name of a process: PSM1, IO1, boards, supervisor…")],
-    command: Annotated[str, typer.Argument(metavar="[COMMAND]", help="Command; default: list all commands.")] = "",
-    arguments: Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", help="Numbers and text.")] = None,
-    wait: Annotated[bool, typer.Option("--wait", help="Wait for completion.")] = False,
+        metavar="COMPONENT", help="Name of a process, e.g. PSM1, IO1, boards or supervisor.")],
+    command: Annotated[str, typer.Argument(
+        metavar="[COMMAND]", help="Name of the command; default: list all commands.")] = "",
+    arguments: Annotated[list[str] | None, typer.Argument(
+        metavar="[ARGS]...", help="Numbers and text that the command takes.")] = None,
+    wait: Annotated[bool, typer.Option(
+        "--wait", help="Wait until the command has ended, not only for its acceptance.")] = False,
     timeout: Annotated[float | None, typer.Option(
-        "--timeout", min=0.0, help="Seconds to wait for an answer; default: 2, or 60 if --wait is given.")] = None,
+        "--timeout", min=0.0, help="Seconds to wait for the reply; default: 2, with --wait 60.")] = None,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Send a command and print the reply. Numbers are in rad, m, s, N and N·m; some commands also take text.
+    """Send a command to a process, and print the reply. Units are rad, m, s, N and N·m.
 
-    Without a command: list the commands of the component. An effort or wrench that is sent only once times out after
-    0.1 s (arm.effort_timeout_s). An effort of zero does not time out: it leaves the arm free, with only its weight
-    compensated, until the arm's next command.
+    Without COMMAND, all commands of the process are listed. An effort or wrench acts for only 0.1 s, unless it is sent
+    again (key arm.effort_timeout_s). Zero efforts act until the arm's next command: the arm can be moved by hand, and
+    only its weight is compensated.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """

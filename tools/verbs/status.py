@@ -24,11 +24,11 @@ RIGHTS = "{}; trocar doctor names the remedy"
 
 
 def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
-    """Show every process, arm, teleoperation and console, and what to do first.
+    """Show processes, arms, teleoperations and consoles, and the next thing to do.
 
-    Each process is shown with its rate, missed deadlines, restarts and the reason for its last exit; each arm with its
-    state, whether it is homed, and why it is in FAULT or what it is waiting for. The last line is "all well" or the
-    first thing to do. Exit code 1: a process has a problem, or something is in FAULT.
+    The first table shows the rate, missed deadlines, restarts and last exit of each process. The second table shows
+    the state of each arm, and the reason if the arm is in FAULT or waits. The last line says "all well", or names the
+    first thing to do. Exit code 1: a process has a problem, or an arm or teleoperation is in FAULT.
 
     Example: trocar status --json
     """

@@ -29,20 +29,23 @@ NOTES = 30
 def up(
     file: Annotated[Path | None, typer.Argument(
         metavar="[SYSTEM]", help="System file; default: configs/systems/demo.yaml.")] = None,
-    boards: Annotated[str, typer.Option("--boards", help="`emulated`: no hardware, boards are emulated.")] = "",
+    boards: Annotated[str, typer.Option("--boards", help="`emulated`: emulate the boards, without hardware.")] = "",
     path: PathOption = None,
     calibration: Annotated[bool, typer.Option(
-        "--calibration-mode", "-C", help="For calibrating: no potentiometer checks.")] = False,
+        "--calibration-mode", "-C", help="Do not check potentiometers; only for calibration.")] = False,
     clock: ClockOption = "",
     seconds: Annotated[float | None, typer.Option(
-        "--for", min=0.0, help="Stop after this many seconds of real time, whichever --clock is used.")] = None,
+        "--for", min=0.0, help="Time until the system stops, in seconds of real time.")] = None,
     sets: SetOption = None,
-    detach: Annotated[bool, typer.Option("--detach", help="Return when the system is up; it keeps running.")] = False,
+    detach: Annotated[bool, typer.Option(
+        "--detach", help="Return when the system is up. The system keeps running.")] = False,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option(
-        "--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Name for the system.")] = default_system(),
+        "--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Name of the new system.")] = default_system(),
 ) -> int:
-    """Start a system; by itself, this neither powers nor moves anything. Ctrl-C or `trocar down` stops it.
+    """Start a system: all processes that the system file describes.
+
+    Nothing is powered or moved. Ctrl-C or `trocar down` stops the system.
 
     Example: trocar up configs/systems/demo.yaml --boards emulated --detach
     """
