@@ -24,7 +24,9 @@ from trocar.procs.gui.catalogue import families_of, makers_of
 from trocar.procs.gui.rings import PastReader
 from trocar.procs.gui.sources import MADE, OPTIONS
 from trocar.procs.gui.times import Times
+from trocar.procs.recordings import names
 from trocar.procs.recordings.facts import local_offset_ns
+from trocar.procs.recordings.folder import kept
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.time.clock import local_ns
@@ -142,11 +144,12 @@ class Past:
         return self._files
 
     def _look(self) -> None:
-        if self._folder is not None and self._folder.is_dir():
-            files = self._opened()
-            self.faults, self.begin_ns = files.faults(), files.begin_ns()
+        if self._folder is not None:
+            self.begin_ns = min((names.time_in(file.path.name) for file in kept(self._folder, names.BOX)), default=0)
+            self.faults = self._opened().faults() if kept(self._folder, names.FAULT) else ()
 
-    def _answer(self, at_ns: int, begin_ns: int, end_ns: int, points: int, names: Sequence[str], number: Any) -> bytes:
+    def _answer(self, at_ns: int, begin_ns: int, end_ns: int, points: int, sources: Sequence[str], number: Any
+                ) -> bytes:
         files, times = self._opened(), times_of(self._document)
         end_ns = min(end_ns, local_ns())
         state = PastRings(files, times, at_ns - BEFORE_NS, at_ns, is_state=True)
@@ -154,7 +157,7 @@ class Past:
         data = {}
         states, traces = makers_of(self._document, state), makers_of(self._document, samples)
         families = families_of(self._document, samples)
-        for name in names:
+        for name in sources:
             family, _, rest = name.partition(":")
             try:
                 if family in families:

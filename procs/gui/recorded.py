@@ -41,10 +41,6 @@ class RecordedFiles:
         self._open: dict[Path, tuple[int, RecordingReader | None]] = {}
         self._faults: dict[Path, FaultFile] = {}
 
-    def begin_ns(self) -> int:
-        """Begin of the black box (time of day); 0 without files."""
-        return min((names.time_in(file.path.name) for file in kept(self._folder, names.BOX)), default=0)
-
     def faults(self) -> list[FaultFile]:
         """Completed recordings of faults, oldest first."""
         files = kept(self._folder, names.FAULT)
