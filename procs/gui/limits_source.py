@@ -11,6 +11,8 @@ from trocar.procs.crtk.plain import plain
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.kinematics.inverse.arms import carrying
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.command_row import SETTING
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 
@@ -19,6 +21,9 @@ DIGITS: Final = 4
 """Of rad and m: finer than a bar shows."""
 MOVES: Final = frozenset({b"move_jp"})
 """Commands whose values are the goal, in joints."""
+MOVELESS: Final = frozenset(row.name.encode() for row in COMMANDS["arm"] if row.effect <= SETTING)
+"""Commands that leave a move as it is; all others end it, with its goal."""
+CARRIED_OUT: Final = frozenset({b"accepted", b"done"})
 TRAJECTORY: Final = 2
 """`control_mode` of a move."""
 
@@ -36,6 +41,7 @@ class LimitsArm:
         self._tool, self._kinematics = "", carrying(arm, arm.endoscope)
         self._sequence, self._seen_ns = 0, 0
         self._goal: list[float] = []
+        self._moved = False
         while self._audit.next():
             self._note()
 
@@ -53,6 +59,8 @@ class LimitsArm:
             self._tool, self._kinematics = tool, carrying(self._arm, tool)
         kinematics, n = self._kinematics, min(self._kinematics.n, int(cells["count"]))
         moves = int(cells["control_mode"]) == TRAJECTORY and len(self._goal) == n
+        self._goal = self._goal if moves or not self._moved else []  # it has ended: another one has another goal
+        self._moved = moves
         return {"names": plain(cells["names"][:n]), "slides": plain(np.array(kinematics.is_prismatic, bool)[:n]),
                 "lower": plain(kinematics.lower[:n]), "upper": plain(kinematics.upper[:n]),
                 "q": plain(np.round(cells["position"][:n], DIGITS)),
@@ -61,10 +69,12 @@ class LimitsArm:
                 "late": now_ns - self._seen_ns > LATE_NS}
 
     def _note(self) -> None:
-        """The goal of a command that was accepted."""
+        """The goal of a move that was accepted, until it is done, or another command is."""
         field = self._audit.field
-        if field("command").item() in MOVES and field("outcome").item() == b"accepted":
-            self._goal = [round(float(v), DIGITS) for v in field("values")[:int(field("count"))]]
+        command, outcome = field("command").item(), field("outcome").item()
+        if outcome in CARRIED_OUT and command not in MOVELESS:
+            is_begin = command in MOVES and outcome == b"accepted"
+            self._goal = [round(float(v), DIGITS) for v in field("values")[:int(field("count"))]] if is_begin else []
 
     def close(self) -> None:
         """Unmap."""

@@ -37,10 +37,14 @@ SINCE: Final = MessagePart("the number of a tick", _count, 0)
 """The tick at which a person pressed for a sequence of which this is a step; 0: just now."""
 PERSON: Final = MessagePart(f"a name of up to {MAX_PERSON} characters", _person, "")
 """The operator's name, which the other pages show; by default the browser's address and port."""
+SOURCES: Final = MessagePart(f"a list of up to {MAX_SOURCES} names", _names)
+MOMENT: Final = MessagePart("a time of day, ms", _count, 0)
 OPS: Final[Ops] = {
-    "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
+    "want": {"sources": SOURCES},
     "beat": {"tick": TICK},
-    "control": {"take": FLAG, "over": replace(FLAG, default=False), "person": PERSON},
+    "control": {"take": FLAG, "over": replace(FLAG, default=False), "person": PERSON, "from": PERSON},
+    "past": {"at": MOMENT, "from": MOMENT, "to": MOMENT, "points": MessagePart("a number of samples", _count, 0),
+             "sources": SOURCES},
     "preview": {"arm": WORD, "position": SOME_NUMBERS, "pose": SOME_NUMBERS},
     "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": replace(FLAG, default=False),
             "tick": TICK},

@@ -73,6 +73,35 @@ def test_the_strip_leads_from_no_name_to_teleoperation_and_stops_it_and_nothing_
         assert page.wrongs() == []
 
 
+def test_the_strip_shows_and_stops_the_present_while_the_page_shows_the_past(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open("/operate")
+        page.until(f"{WORD.format('PSM1')} === 'off'")
+        assert page.js("return JSON.parse(document.getElementById('stop').dataset.steps)[0].map((one) => one.slice(0, 2))") == [
+            ["system", "hold"], ["console", "teleop_enable"], ["PSM1", "hold"], ["MTMR", "hold"]]
+        page.take_control()
+        page.find("#power-on").click()
+        page.until("document.getElementById('confirm').open")
+        assert "2 of 2" in page.find("#confirm-text").text
+        robot.trocar("send", "MTMR", "state_command", "enable")
+        page.until(f"{WORD.format('MTMR')} === 'powered'")
+        page.find("#confirm button.primary").click()
+        page.until("document.getElementById('confirm').open"
+                   " && document.getElementById('confirm-text').textContent.includes('1 of 2')")
+        page.find("#confirm button.quiet").click()
+        assert page.value("strip.arms.PSM1.word") == "off", "a yes is to the question that was shown"
+        page.js("trocar.onTick(() => { throw new Error('one view'); });"
+                "trocar.rewind({ strip: { arms: { PSM1: { word: 'ready' }, MTMR: { word: 'fault' } }, links: [] } })")
+        page.until("document.getElementById('limits').textContent.includes('Not recorded')")
+        robot.trocar("send", "PSM1", "state_command", "enable")
+        page.until(f"{WORD.format('PSM1')} === 'powered' && {WORD.format('MTMR')} === 'powered'")
+        page.find("#power-on" if page.js("return !document.getElementById('power-on').hidden") else "#home").click()
+        assert "the past" in page.note()
+        page.find("#stop").click()
+        page.until("document.getElementById('stop').dataset.outcome === 'done'")
+        page.until(f"{WORD.format('PSM1')} === 'paused' && {WORD.format('MTMR')} === 'paused'")
+
+
 def test_alarms_are_counted_listed_acknowledged_and_sounded(robot: Robot) -> None:
     with served(robot) as address, chromium(address) as page:
         count = "document.getElementById('alarms').textContent"

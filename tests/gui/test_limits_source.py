@@ -37,10 +37,22 @@ def test_the_goal_is_shown_while_a_move_is_under_way(world: World) -> None:
             assert found["q"][0] == 0.1235 and found["goal"] == [] and not found["late"]
             note("move_jp", "accepted", [0.5] * 6)
             note("move_jp", "refused", [0.9] * 6)
-            note("hold", "accepted", [])
+            note("crtk_version", "done", [])
             scripted.arm.field("control_mode")[...] = TRAJECTORY
             scripted.show_arm(0.2)
             assert source.read(now)["arms"]["PSM1"]["goal"] == [0.5] * 6
+            for command in ("move_cp", "hold", "state_command", "servo_jp"):
+                note("move_jp", "accepted", [0.5] * 6)
+                note(command, "accepted", [0.1] * 6)
+                scripted.show_arm(0.2)
+                assert source.read(now)["arms"]["PSM1"]["goal"] == [], f"the goal before {command}"
+            note("move_jp", "accepted", [0.4] * 6)
+            modes = []
+            for mode in (TRAJECTORY, 1, TRAJECTORY):
+                scripted.arm.field("control_mode")[...] = mode
+                scripted.show_arm(0.2)
+                modes.append(source.read(now)["arms"]["PSM1"]["goal"])
+            assert modes == [[0.4] * 6, [], []], "another move, of which nothing is known"
             scripted.arm.field("control_mode")[...] = 1
             scripted.show_arm(np.nan)
             found = source.read(now)["arms"]["PSM1"]

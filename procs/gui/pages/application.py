@@ -17,6 +17,7 @@ from starlette.websockets import WebSocket
 
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import BUTTONS, MESSAGES, PROCESSES, SCENE
+from trocar.procs.gui.fault_files import FAULT_FILES, FaultFiles
 from trocar.procs.gui.meshes import MeshFiles
 from trocar.procs.gui.packed import FOREVER, ONCE, Packed
 from trocar.procs.gui.pages.arm import arm_page
@@ -96,6 +97,8 @@ def application(document: SystemConfig, texts: dict[str, bytes], live: Callable[
     async def topics(_: Request) -> Response:
         return Response(orjson.dumps(topics_of(document.name)), media_type="application/json",
                         headers={"cache-control": ONCE})
+
+    routes.append(Route(f"{FAULT_FILES}/{{name}}", FaultFiles(document).answer))
 
     absent = Packed(texts[""], "text/html", ONCE, status=404)
 

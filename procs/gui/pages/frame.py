@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.catalogue import TIMELINE
 from trocar.procs.gui.messages import MAX_PERSON
 from trocar.procs.gui.pages.assets import assets, script
 from trocar.procs.gui.pages.buttons import has_buttons
@@ -51,6 +52,7 @@ def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterat
             with Part("main", "content", data_wants=" ".join(wants)):
                 Part("h1", "unseen", _title(document, here))
                 yield whole
+            _timeline()
             _dialogs()
 
 
@@ -68,7 +70,7 @@ def _head(document: SystemConfig, here: str) -> None:
         Part("title", "", f"{_title(document, here)} · {document.name} · Trocar")
         Part("link", rel="icon", href=f"{assets()}/icon.svg")
         Part("link", rel="stylesheet", href=f"{assets()}/style.css")
-        for name in ("live.js", "strip.js"):
+        for name in ("live.js", "strip.js", "timeline.js"):
             script(name)
 
 
@@ -82,7 +84,7 @@ def _is_at(here: str, path: str) -> bool:
 
 
 def _top(document: SystemConfig, here: str) -> None:
-    with Part("header", "bar"):
+    with Part("header", "bar", data_present=True):
         strip(document)
         with box("menu"):
             Part("a", "brand", "Trocar", href="/")
@@ -96,6 +98,33 @@ def _top(document: SystemConfig, here: str) -> None:
             Part("button", "warns", type="button", id="control-lost", role="alert", hidden=True, title="Hide this")
             Part("button", "quiet", "?", type="button", data_opens="help", title="Keys and first steps (?)")
             Part("button", "quiet", "◐", type="button", data_does="theme", title="Dark or light", aria_label="Theme")
+
+
+def _past() -> None:
+    """The words of a page that shows the past."""
+    with box("past", id="past", hidden=True):
+        Part("b", "", "THE PAST", role="status")
+        Part("b", id="past-when")
+        Part("span", id="past-clock")
+        Part("span", "what", id="past-what")
+        Part("b", "news", id="past-news", role="alert")
+        box("spacer")
+        Part("a", "button", id="past-file", download=True, hidden=True)
+        Part("button", "", "Return to live", type="button", id="past-live")
+
+
+def _timeline() -> None:
+    """The bar of times; it always shows the present's."""
+    with Part("footer", "timeline", id="timeline", data_present=True, data_wants=TIMELINE, aria_label="Timeline"):
+        _past()
+        Part("button", "on", "Live", type="button", id="live", title="The present (End)")
+        Part("span", "quiet", id="time-begin")
+        with box("track"):
+            Part("input", type="range", id="time", min="-2", max="0", step="any", value="0", aria_label="Time shown",
+                 title="Arrows 1 s, with Shift 0.1 s; Page keys 10 s; Home the oldest, End live")
+            box("marks", id="time-marks", aria_hidden="true")
+        Part("output", "", id="time-shown", for_="time")
+        box("scroll", id="faults", role="group", aria_label="Faults: press to see the moment before")
 
 
 def _dialogs() -> None:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.gui.catalogue import LIMITS, MESSAGES, PROCESSES, SCENE
+from trocar.procs.gui.catalogue import LIMITS, MESSAGES, PROCESSES, SCENE, STRIP
 from trocar.procs.gui.pages.assets import script
 from trocar.procs.gui.pages.element import Part
 from trocar.procs.gui.pages.parts import box, choice, head
@@ -51,14 +51,15 @@ def operate_page(document: SystemConfig, linked: set[str]) -> None:
 
 
 @contextmanager
-def _panel(name: str, wants: str = "", classes: str = "") -> Iterator[None]:
-    with Part("section", classes, data_panel=name, data_wants=wants, aria_label=PANELS[name], hidden=True):
+def _panel(name: str, source: str = "", classes: str = "") -> Iterator[None]:
+    shows = {"data_source": source} if source else {}
+    with Part("section", classes, data_panel=name, **shows, aria_label=PANELS[name], hidden=True):
         yield
 
 
 def _jog(document: SystemConfig) -> None:
     with _panel("jog", LIMITS, "card"):
-        head("h2", "", "Jog", has_age=False)
+        head("h2", "", "Jog")
         with box("row"):
             choice(((arm.name, arm.name) for arm in document.arms), id="jog-arm", aria_label="Arm to jog")
             Part("select", id="jog-joint", aria_label="Joint to jog")
@@ -75,21 +76,21 @@ def _jog(document: SystemConfig) -> None:
 
 def _links(document: SystemConfig) -> None:
     if document.teleop_psms or document.teleop_ecms:
-        with _panel("links", "", "card"):
-            head("h2", "", "Teleoperation", has_age=False)
+        with _panel("links", STRIP, "card"):
+            head("h2", "", "Teleoperation")
             box("links", id="links")
 
 
 def _joints() -> None:
     with _panel("joints", LIMITS, "card"):
-        with head("h2", "", "Joints", has_age=False):
+        with head("h2", "", "Joints"):
             Part("span", "quiet", "▮ measured  ┃ setpoint  ◆ goal")
         box("limits", id="limits")
 
 
 def _walls() -> None:
     with _panel("walls", SCENE, "card"):
-        head("h2", "", "Walls", has_age=False)
+        head("h2", "", "Walls")
         box("links", id="walls")
 
 

@@ -47,6 +47,11 @@ def stop(document: SystemConfig) -> list[list[Call]]:
     return [[*calls, *((row.name, "hold", [], "") for row in document.arms)]]
 
 
+def ends(document: SystemConfig) -> dict[str, list[list[Call]]]:
+    """Steps of the buttons that end something; the server sends them to each page, whatever system that was made of."""
+    return {"stop": stop(document), "power_off": power_off(document)}
+
+
 def teleop_calls(name: str, on: int) -> list[list[Call]]:
     """Start or stop the teleoperations of a console."""
     return [[(name, "teleop_enable", [on], "")]]
@@ -62,7 +67,8 @@ def power_button(document: SystemConfig, which: str, classes: str = "", **attrib
 
 def strip(document: SystemConfig) -> None:
     """Its content."""
-    with Part("section", "strip", aria_label="State of the robot, and stop", data_wants=f"{STRIP} {ALARMS}"):
+    with Part("section", "strip", aria_label="State of the robot, and stop", data_present=True,
+              data_wants=f"{STRIP} {ALARMS}"):
         with Part("ul", "chips", aria_label="Arms"):
             for row in document.arms:
                 _chip(row.name, f"/arm/{row.name}")

@@ -1,5 +1,5 @@
 // The page of an arm: jog while held, goals as people type them, a preview in 3D before anything moves.
-import { ask, asked, fixed, heldByKey, jogBegins, note, onTick, sourceAge, value } from "./live.js";
+import { ask, asked, denied, fixed, heldByKey, isPast, jogBegins, note, onTick, sourceAge, value } from "./live.js";
 import { inUnits, onUnits, perUnit, typed, unit, units } from "./units.js";
 
 const page = document.querySelector("[data-arm]");
@@ -19,6 +19,7 @@ const shownSpeed = () => {
 
 // Whether the value behind a flag of the record is measured now; if not, a note appears beside the button.
 export function isMeasured(flag, button) {
+  if (isPast()) return button && denied(button), false; // a past place is no goal of now
   const age = sourceAge(state);
   if (age !== null && age < 1 && value(`${state}.${flag}`)) return true;
   if (button) note(button, "bad", `Nothing is measured now: ${arm} has no power, sends no data, or does not know this value.`);
@@ -157,6 +158,7 @@ onTick(() => {
     read();
     readJaw();
   }
+  if (isPast()) return;
   const tool = value(`${state}.tool`);
   const choice = document.getElementById("instrument") || document.getElementById("endoscope");
   if (!isChosen && tool && choice) {

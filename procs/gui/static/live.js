@@ -4,6 +4,7 @@ import { turns } from "./pose.js";
 import { inUnits, onUnits, turnUnits, unit, units } from "./units.js";
 
 const sources = {}; // newest data by source
+let past = null; // the data of another time, while the page shows that
 const heard = {}; // when each source last changed, ms
 let socket = null;
 const { run } = document.documentElement.dataset; // the name of the pages that this one is of
@@ -20,15 +21,32 @@ let number = 0;
 const waiting = new Map(); // commands without an end
 const listeners = []; // called after each tick
 
-export const data = (name) => sources[name];
+export const data = (name) => (past ?? sources)[name];
+export const present = (name) => sources[name];
 export const onTick = (listener) => listeners.push(listener);
-export const hasControl = () => you;
+export const isPast = () => past !== null;
+export const hasControl = () => you && !past; // what a person sees of the past is no ground to command something now
+const storeOf = (element) => (past && !element.closest("[data-present]") ? past : sources);
+
+// Why this page may command nothing but stops, beside the button; false: it may.
+export function denied(button) {
+  const why = past ? "This page shows the past: return to live first." : you ? "" : "Take control first: this page is read-only.";
+  if (why) note(button, "bad", why);
+  return Boolean(why);
+}
+
+// Show the data of another time, by source; null: the present.
+export function rewind(found) {
+  if (found && !past) window.dispatchEvent(new Event("blur")); // ends what is held
+  past = found;
+  shown();
+}
 
 // --- values
 
-export function value(path) {
+export function value(path, from = past ?? sources) {
   const dot = path.indexOf(".");
-  let found = sources[dot < 0 ? path : path.slice(0, dot)];
+  let found = from[dot < 0 ? path : path.slice(0, dot)];
   if (dot >= 0) for (const part of path.slice(dot + 1).split(".")) found = found?.[part];
   return found;
 }
@@ -59,9 +77,9 @@ function formatted(v, format) {
 }
 
 // `a.b.c`, `!a.b.c`, `a.b.c=WORD|WORD`, `a.b.c>3`, `a.b.c~part of a text`
-function holds(condition) {
+function holds(condition, from) {
   const match = /^(!?)([^=><~]+)(?:([=><~])(.*))?$/.exec(condition);
-  const v = value(match[2]);
+  const v = value(match[2], from);
   let result;
   if (match[3] === "=") result = match[4].split("|").includes(String(v));
   else if (match[3] === ">") result = v > +match[4];
@@ -73,9 +91,10 @@ function holds(condition) {
 
 const sourceOf = (path) => path.replace(/^!/, "").split(/[.=><]/)[0];
 
-export function sourceAge(name) {
-  const found = sources[name];
+export function sourceAge(name, from = past ?? sources) {
+  const found = from[name];
   if (!found || found.age === null || found.age === undefined) return null;
+  if (from === past) return found.age;
   return found.age + (performance.now() - (isConnected() ? Math.max(lastTick, 0) : heard[name] || 0)) / 1000;
 }
 
@@ -94,17 +113,19 @@ export function render() {
   const connected = isConnected();
   for (const element of document.querySelectorAll("[data-live]")) {
     const known = element.closest("[data-valid]");
-    const isUnknown = known && (element.dataset.format || "text") !== "text" && !value(known.dataset.valid);
-    const v = isUnknown ? null : value(element.dataset.live);
+    const from = storeOf(element);
+    const isUnknown = known && (element.dataset.format || "text") !== "text" && !value(known.dataset.valid, from);
+    const v = isUnknown ? null : value(element.dataset.live, from);
     put(element, formatted(v, element.dataset.format));
     if (element.dataset.tone !== undefined) element.dataset.tone = v === undefined || v === null ? "" : String(v);
   }
-  for (const element of document.querySelectorAll("[data-show]")) element.hidden = !holds(element.dataset.show);
-  for (const element of document.querySelectorAll("[data-on]")) isOn(element, holds(element.dataset.on));
+  for (const element of document.querySelectorAll("[data-show]")) element.hidden = !holds(element.dataset.show, storeOf(element));
+  for (const element of document.querySelectorAll("[data-on]")) isOn(element, holds(element.dataset.on, storeOf(element)));
   for (const element of document.querySelectorAll("[data-unit]")) put(element, unit(element.dataset.unit === "p"));
   for (const element of document.querySelectorAll("[data-source]")) {
-    const age = sourceAge(element.dataset.source);
-    const stale = !connected || age === null || age > STALE_S || Boolean(sources[element.dataset.source]?.gone);
+    const from = storeOf(element);
+    const age = sourceAge(element.dataset.source, from);
+    const stale = !connected || age === null || age > STALE_S || Boolean(from[element.dataset.source]?.gone);
     element.classList.toggle("stale", stale);
     const label = element.querySelector(":scope .age");
     if (label) put(label, !stale ? "" : age === null ? "no data" : `${age < 10 ? age.toFixed(1) : age.toFixed(0)} s old`);
@@ -115,9 +136,9 @@ export function render() {
 
 export const isConnected = () => socket?.readyState === 1 && performance.now() - lastTick < 1500;
 
-function wants() {
+export function wants(ofPast = false) {
   if (document.hidden) return [];
-  const isShown = (part) => !part.closest("[data-panel][hidden]"); // a closed panel costs nothing
+  const isShown = (part) => !part.closest(`[data-panel][hidden]${ofPast ? ", [data-present]" : ""}`); // a closed panel costs nothing
   const found = new Set([...document.querySelectorAll("[data-wants]")].filter(isShown).flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
   for (const name of ["live", "show", "on", "source", "valid"])
     for (const element of document.querySelectorAll(`[data-${name}]`)) if (isShown(element)) found.add(name === "source" ? element.dataset.source : sourceOf(element.dataset[name]));
@@ -134,8 +155,12 @@ export function want() {
 }
 
 // A request carries the newest tick that the page has received, which tells the server its maximum age.
-const WISHES = ["beat", "jog", "call"];
-export const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(WISHES.includes(message.op) ? { ...message, tick } : message));
+// While it shows the past, that is none: the server refuses all commands but those that stop something.
+const DATED = { beat: () => tick, jog: () => (past ? 0 : tick), call: () => (past ? 0 : tick) };
+export const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(DATED[message.op] ? { ...message, tick: DATED[message.op]() } : message));
+
+let offset = null; // from this page's clock to the system's time of day, ms
+export const now = () => (offset === null ? null : performance.now() + offset);
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live?run=${run}`);
@@ -186,8 +211,9 @@ function outdated() {
 function heed(message) {
   if (message.op === "hello") {
     lastTick = performance.now();
+    offset = message.now - lastTick;
     if (run !== message.run) outdated();
-    document.getElementById("power-off").dataset.steps = JSON.stringify(message.power_off); // also on an outdated page
+    for (const [id, steps] of [["power-off", message.power_off], ["stop", message.stop]]) document.getElementById(id).dataset.steps = JSON.stringify(steps); // also on an outdated page
     // A person who changes pages in one tab keeps control, unless another page has taken it meanwhile.
     const before = Number((run === message.run && sessionStorage.getItem("control")) || 0);
     sessionStorage.removeItem("control");
@@ -212,7 +238,16 @@ function heed(message) {
     you = message.you;
     holder = message.control;
     shown();
-    for (const listener of listeners) listener();
+    for (const listener of listeners) {
+      try {
+        listener();
+      } catch (error) {
+        console.error(error); // of one view; the others, and the strip, continue
+      }
+    }
+  } else if (message.op === "past") {
+    waiting.get(message.id)?.("done", message);
+    waiting.delete(message.id);
   } else if (message.op === "reply") {
     const call = waiting.get(message.id);
     if (call) {
@@ -226,10 +261,10 @@ function heed(message) {
 const commands = document.getElementsByClassName("commands");
 let marked = "";
 function mark() {
-  const key = `${you} ${commands.length}`;
+  const key = `${hasControl()} ${commands.length}`;
   if (key === marked) return;
   marked = key;
-  for (const button of commands) you ? button.removeAttribute("aria-disabled") : button.setAttribute("aria-disabled", "true");
+  for (const button of commands) hasControl() ? button.removeAttribute("aria-disabled") : button.setAttribute("aria-disabled", "true");
 }
 
 // Nothing can be sent: a red bar, and buttons that look so.
@@ -255,7 +290,7 @@ function shown() {
   if (localStorage.getItem("first-steps") === "closed") document.getElementById("first-steps")?.remove();
   put(button, you ? "Give back" : holder ? "Take over" : "Take control");
   button.title = you ? "Give control back" : holder ? `${holder} has control` : "This page is read-only until then";
-  put(document.getElementById("holder"), you ? `Control: you, ${holder}` : holder ? `Control: ${holder}` : "Control: free");
+  put(document.getElementById("holder"), !isConnected() ? "Control: unknown" : you ? `Control: you, ${holder}` : holder ? `Control: ${holder}` : "Control: free");
   render();
 }
 
@@ -350,9 +385,10 @@ const GOOD = ["done", "accepted"];
 
 let stops = 0; // how often something that stops was pressed: that ends every sequence of steps
 
-export async function perform(button, steps) {
+export const pressed = () => [tick, stops]; // when something is pressed: what comes after it, also while a question is open, ends it
+
+export async function perform(button, steps, [since, before] = pressed()) {
   button.dataset.outcome = "waiting";
-  const [since, before] = [tick, stops]; // a fault after the press ends the sequence, too
   for (const step of steps) {
     if (stops !== before) {
       button.dataset.outcome = "ended";
@@ -374,12 +410,14 @@ export async function perform(button, steps) {
 }
 
 export async function asked(button, steps, free) {
-  if (!you && !free) {
-    note(button, "bad", "Take control first: this page is read-only.");
-    return false;
-  }
-  if (button.dataset.confirm && !(await confirmed(button.dataset.confirm, button))) return false;
-  return perform(button, steps);
+  let when, text;
+  do {
+    if (!free && denied(button)) return false;
+    [when, text] = [pressed(), button.dataset.confirm];
+    if (text && !(await confirmed(text, button))) return false;
+  } while (text !== button.dataset.confirm); // the state has changed while it was open: a yes is to what was asked
+  if (!free && denied(button)) return false;
+  return perform(button, steps, when);
 }
 
 async function reloads() {
@@ -390,8 +428,12 @@ async function control(button) {
   lost = "";
   if (you) isGiven = say({ op: "control", take: false }) !== false;
   else if (isOutdated) note(button, "bad", "This page is outdated: load the new one first.");
-  else if ((person() || (await named(button))) && (!holder || (await confirmed(`${holder} has control. Take it over?`, button))))
-    say({ op: "control", take: true, over: Boolean(holder), person: person() });
+  else if (person() || (await named(button))) {
+    const from = holder; // the one in the question: from another one, the server refuses
+    if (from && !(await confirmed(`${from} has control. Take it over?`, button))) return;
+    const [outcome, text] = await ask({ op: "control", take: true, over: Boolean(from), from, person: person() });
+    if (outcome === "refused") note(button, "bad", text);
+  }
 }
 
 // The name of the person at this browser, which other pages show: asked once, kept in the browser.
@@ -429,14 +471,31 @@ document.addEventListener("click", (event) => {
   else if (button.dataset.does === "theme") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
 });
 
-// A button that works while it is held works with the space bar, too: its first press counts, not its repetitions.
-export function heldByKey(css, begins) {
+// A button that works while it is held works with the space bar, too: its first press counts, not its repetitions. Its release
+// may be lost: it ends as well when repetitions end, and with any other key.
+const SILENT_MS = 500;
+export function heldByKey(css, begins, ends = jogEnds) {
+  let repeated = 0; // when the newest repetition came; 0: none yet
+  let isHeld = false;
+  const release = () => {
+    if (isHeld) ends();
+    isHeld = false;
+    repeated = 0;
+  };
   document.addEventListener("keydown", (event) => {
     const button = event.key === " " && event.target.closest(css);
-    if (!button) return;
+    if (!button) return release();
     event.preventDefault();
-    if (!event.repeat) begins(button);
-  });
+    if (event.repeat) {
+      if (isHeld) repeated = performance.now();
+      return;
+    }
+    release();
+    isHeld = true;
+    begins(button);
+  }, true);
+  document.addEventListener("keyup", release, true);
+  setInterval(() => repeated && performance.now() - repeated > SILENT_MS && release(), 100);
 }
 
 // A held jog: sent every 50 ms while pressed; the arm ends it by itself 0.1 s after the last message.
@@ -449,7 +508,7 @@ function jogEnds() {
 }
 export function jogBegins(button, make) {
   jogEnds();
-  if (!you) return note(button, "bad", "Take control first: this page is read-only.");
+  if (denied(button)) return;
   const mine = { button, isOver: false };
   // Each has its answer: a refusal, for example by a fault, is shown at the button, and ends the jog.
   const heardOf = (outcome, text) => {
@@ -460,7 +519,7 @@ export function jogBegins(button, make) {
   };
   const push = () => {
     const found = make();
-    if (!found || !you || document.hidden) jogEnds();
+    if (!found || !hasControl() || document.hidden) jogEnds();
     else if (!isConnected()) heardOf("lost", "not connected");
     else ask(found, heardOf);
   };
@@ -503,13 +562,13 @@ export const cell = (tag, text, className = "") => Object.assign(document.create
 let listed = "";
 function messages() {
   const list = document.getElementById("messages");
-  const rows = sources.messages?.rows;
+  const rows = data("messages")?.rows;
   if (!list || !rows) return;
   const least = document.getElementById("severity")?.value || "status";
   const from = document.getElementById("from")?.value || "";
   const levels = ["status", "warning", "error"];
   const chosen = rows.filter((row) => levels.indexOf(row.severity) >= levels.indexOf(least) && (!from || row.from === from));
-  const key = `${least} ${from} ${chosen.length} ${chosen.at(-1)?.order}`;
+  const key = `${least} ${from} ${chosen.length} ${chosen[0]?.order} ${chosen.at(-1)?.order}`;
   if (key === listed && list.childElementCount) return;
   listed = key;
   const atEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 20;
@@ -529,7 +588,7 @@ function messages() {
 
 // The remedy of an arm in FAULT: the hint of its last error.
 function remedies() {
-  const found = sources.messages?.remedies || {};
+  const found = data("messages")?.remedies || {};
   for (const element of document.querySelectorAll("[data-remedy]")) put(element, found[element.dataset.remedy] || "");
 }
 
@@ -545,5 +604,5 @@ export function start() {
   setInterval(() => say({ op: "beat" }), 500);
   setInterval(() => (want(), shown()), 250);
 }
-window.trocar = { value, data, hasControl, call, say, isConnected, onTick, note };
+window.trocar = { value, data, present, rewind, hasControl, call, say, isConnected, onTick, note };
 start();

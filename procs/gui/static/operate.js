@@ -1,5 +1,5 @@
 // The page Operate: panels beside the robot in 3D, joints within their limits, links, walls, and a jog by big buttons.
-import { data, fixed, heldByKey, jogBegins, onTick, want } from "./live.js";
+import { data, fixed, heldByKey, isPast, jogBegins, onTick, present, want } from "./live.js";
 import { onUnits, perUnit, unit, units } from "./units.js";
 
 const at = (id) => document.getElementById(id);
@@ -47,9 +47,13 @@ function bar(arm, i) {
   return row;
 }
 
+const NOT_RECORDED = "Not recorded: return to live.";
+
 function joints() {
   const root = at("limits");
-  for (const [name, arm] of Object.entries(data("limits")?.arms ?? {})) {
+  if (isPast()) return lines(root, [], NOT_RECORDED);
+  root.querySelector(".link")?.remove();
+  for (const [name, arm] of Object.entries(present("limits")?.arms ?? {})) {
     let box = root.querySelector(`[data-of="${name}"]`);
     if (!box) {
       box = Object.assign(document.createElement("div"), { className: "of" });
@@ -101,7 +105,8 @@ function lines(root, rows, none) {
 }
 
 function links() {
-  const found = (data("strip")?.links ?? []).map((link) => {
+  if (isPast()) return lines(at("links"), [], NOT_RECORDED);
+  const found = (present("strip")?.links ?? []).map((link) => {
     const masters = link.masters.filter(Boolean).join(" + ");
     const isOn = link.following && !link.late;
     const state = link.late ? "no data" : isOn ? "follows" : link.state.toLowerCase().replaceAll("_", " ");
@@ -123,19 +128,19 @@ function walls() {
 
 const chosen = () => [at("jog-arm").value, Number(at("jog-joint").value)];
 function jogged() {
-  const arm = data("limits")?.arms[at("jog-arm").value];
+  const arm = present("limits")?.arms?.[at("jog-arm").value];
   const select = at("jog-joint");
   const names = arm?.names ?? [];
   if ([...select.options].map((option) => option.text).join() !== names.map((name) => name.replaceAll("_", " ")).join())
     select.replaceChildren(...names.map((name, i) => new Option(name.replaceAll("_", " "), i)));
   const i = Number(select.value);
-  put(at("jog-now"), arm?.valid && !arm.late ? shown(arm.q[i], arm.slides[i]) : "–");
+  put(at("jog-now"), !isPast() && arm?.valid && !arm.late ? shown(arm.q[i], arm.slides[i]) : "–");
 }
 
 function jog(button) {
   const [name, i] = chosen();
   jogBegins(button, () => {
-    const arm = data("limits")?.arms[name];
+    const arm = present("limits")?.arms?.[name];
     if (!arm || i >= arm.names.length) return null;
     const values = arm.names.map(() => 0);
     values[i] = Number(button.dataset.big) * (arm.slides[i] ? SPEED.slides : SPEED.turns);
@@ -162,3 +167,4 @@ function show() {
 open(wanted(decodeURIComponent(location.hash.slice(1)) || localStorage.getItem("panels") || presets[0].dataset.preset));
 onTick(show);
 onUnits(show);
+setInterval(show, 250); // also while no tick comes

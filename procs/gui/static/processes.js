@@ -1,5 +1,5 @@
 // The page Processes: a row for each, and the log of the one that is chosen.
-import { cell, data, onTick } from "./live.js";
+import { cell, data, isPast, onTick } from "./live.js";
 
 const shownOr = (v, digits) => (typeof v === "number" && v > 0 ? v.toFixed(digits) : "–");
 let chosen = location.hash.slice(1);
@@ -32,7 +32,8 @@ let listed = "";
 function processes() {
   const rows = data("processes")?.rows;
   const body = document.getElementById("processes");
-  const key = JSON.stringify(rows) + chosen;
+  const key = rows && JSON.stringify(rows) + chosen;
+  if (body && isPast()) body.replaceChildren(); // no recording has it
   if (!body || !rows || key === listed) return;
   listed = key;
   for (const row of rows) line(body, row);

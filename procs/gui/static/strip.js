@@ -1,5 +1,5 @@
 // The strip of every page: arms in a word each, alarms, the clock, the next step, and what Stop stops.
-import { cell, data, isConnected, onTick } from "./live.js";
+import { cell, isConnected, onTick, present } from "./live.js";
 
 const at = (id) => document.getElementById(id);
 const put = (element, text) => element.textContent !== text && (element.textContent = text);
@@ -81,7 +81,7 @@ function questions(arms) {
 // --- alarms: errors of all processes, until a person at this browser acknowledges them
 
 const KEPT = 400;
-const idOf = (row) => `${row.from} ${row.at_ms} ${row.code}`;
+const idOf = (row) => JSON.stringify([row.from, row.at_ms, row.order, row.code, row.component, row.text]);
 const acknowledged = () => new Set(JSON.parse(localStorage.getItem("acknowledged") || "[]"));
 function acknowledge(rows) {
   localStorage.setItem("acknowledged", JSON.stringify([...acknowledged(), ...rows.map(idOf)].slice(-KEPT)));
@@ -91,8 +91,9 @@ function acknowledge(rows) {
 let drawn = "";
 let known = null; // ids of the alarms that were there before
 function alarms() {
-  const rows = data("alarms")?.rows;
-  if (!rows) return;
+  const rows = present("alarms")?.rows;
+  if (!isConnected()) put(at("alarms"), "? alarms");
+  if (!rows || !isConnected()) return void (drawn = "");
   const [first, last] = [rows[0], rows.at(-1)];
   const key = `${rows.length} ${first && idOf(first)} ${last && idOf(last)} ${localStorage.getItem("acknowledged")}`;
   if (key === drawn) return;
@@ -160,7 +161,7 @@ document.addEventListener("click", (event) => {
     localStorage.setItem("sound", isSounding() ? "off" : "on");
     sound();
     sounds();
-  } else if (button?.dataset.acknowledge !== undefined) acknowledge(data("alarms")?.rows ?? []);
+  } else if (button?.dataset.acknowledge !== undefined) acknowledge(present("alarms")?.rows ?? []);
   else if (!event.target.closest("#alarm-list") && event.target.isConnected) list(false);
 });
 document.addEventListener("keydown", (event) => {
@@ -171,7 +172,7 @@ document.addEventListener("keydown", (event) => {
 window.addEventListener("storage", alarms); // acknowledged in another tab
 
 function strip() {
-  const found = isConnected() ? data("strip") : null;
+  const found = isConnected() ? present("strip") : null;
   chips(found);
   clock(found);
   next(found);
