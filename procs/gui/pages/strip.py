@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from trocar.procs.document.process import CALIBRATION_MODE
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import ALARMS, STRIP
 from trocar.procs.gui.pages.element import Part
@@ -92,8 +93,9 @@ def strip(document: SystemConfig) -> None:
             Part("span", "since", aria_hidden="true")  # it changes each second
         _alarm_list()
     if any(io.calibration_mode for io in document.ios):
-        Part("p", "calibration", "▲ Calibration mode: some checks are off. Remove calibration_mode from the system "
-             "file to restore them.", role="note")
+        with Part("p", "calibration", role="note"):
+            Part("b", "", "calibration mode", title=CALIBRATION_MODE)
+            Part("span", "", f": {CALIBRATION_MODE.partition(': ')[2]}")
     for name in ("announced", "alarmed"):
         Part("p", "unseen", id=name, aria_live="assertive" if name == "alarmed" else "polite")
 
