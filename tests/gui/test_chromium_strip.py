@@ -78,7 +78,8 @@ def test_the_strip_shows_and_stops_the_present_while_the_page_shows_the_past(rob
         page.open("/operate")
         page.until(f"{WORD.format('PSM1')} === 'off'")
         steps = page.js("return JSON.parse(document.getElementById('stop').dataset.steps)[0]")
-        assert [step[:2] for step in steps] == [["system", "hold"], ["console", "teleop_enable"], ["MTMR", "hold"], ["PSM1", "hold"]]
+        assert [" ".join(step[:2]) for step in steps] == [
+            "system hold", "console teleop_enable", "MTMR hold", "PSM1 hold"]
         page.take_control()
         page.find("#power-on").click()
         page.until("document.getElementById('confirm').open")
@@ -100,6 +101,9 @@ def test_the_strip_shows_and_stops_the_present_while_the_page_shows_the_past(rob
         page.find("#stop").click()
         page.until("document.getElementById('stop').dataset.outcome === 'done'")
         page.until(f"{WORD.format('PSM1')} === 'paused' && {WORD.format('MTMR')} === 'paused'")
+        page.js("trocar.rewind(null)")
+        step(page, "resume")
+        page.until(f"{WORD.format('PSM1')} === 'powered' && {WORD.format('MTMR')} === 'powered'")
 
 
 def test_alarms_are_counted_listed_acknowledged_and_sounded(robot: Robot) -> None:
@@ -185,4 +189,16 @@ def test_a_jog_by_key_lasts_while_the_key_is_held(robot: Robot) -> None:
         page.js("document.activeElement.blur()")
         assert page.js("return document.querySelector('.jog.on')") is None, "the key counts at its button only"
         ActionChains(page.driver).key_up(Keys.SPACE).perform()
+        page.take_control()
+        on = page.js("""
+            document.querySelector(arguments[0]).focus();
+            const isOnAfter = (key, repeat) => {
+              const event = new KeyboardEvent('keydown', { key, repeat, bubbles: true, cancelable: true });
+              document.activeElement.dispatchEvent(event);
+              return document.querySelector('.jog.on') !== null;
+            };
+            return [[' ', false], ['a', false], [' ', true], [' ', false], [' ', true]].map((one) => isOnAfter(...one))
+            """, jog)
+        assert on == [True, False, False, True, True], "another key ends it, and a repetition begins nothing"
+        page.until("!document.querySelector('.jog.on')", 5)  # its repetitions have ended
         assert page.wrongs() == []

@@ -113,6 +113,8 @@ def _next(document: SystemConfig) -> None:
     with box("next", id="next"):
         power_button(document, "power-on", "step", id="power-on", data_step="power-on")
         power_button(document, "home", "step", id="home", hidden=True, data_step="home")
+        button("Resume", [[(name, "state_command", [], "resume") for name in moving(document)]], "step", id="resume",
+               hidden=True, data_step="resume", data_asks="resume", confirm="Resume all arms?")  # strip.js: the paused
         for console in document.consoles[:1]:
             button("Start teleoperation", teleop_calls(console.name, 1), "step", id="start-teleop", hidden=True,
                    title="Ctrl + T, or Alt + T", data_step="teleop", data_console=console.name,

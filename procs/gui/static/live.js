@@ -417,7 +417,7 @@ export async function asked(button, steps, free) {
     if (text && !(await confirmed(text, button))) return false;
   } while (text !== button.dataset.confirm); // the state has changed while it was open: a yes is to what was asked
   if (!free && denied(button)) return false;
-  return perform(button, steps, when);
+  return perform(button, button.dataset.steps ? JSON.parse(button.dataset.steps) : steps, when); // those of the words that were shown
 }
 
 async function reloads() {
@@ -483,7 +483,7 @@ export function heldByKey(css, begins, ends = jogEnds) {
     repeated = 0;
   };
   document.addEventListener("keydown", (event) => {
-    const button = event.key === " " && event.target.closest(css);
+    const button = event.key === " " && event.target.closest?.(css);
     if (!button) return release();
     event.preventDefault();
     if (event.repeat) {

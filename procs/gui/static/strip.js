@@ -48,8 +48,8 @@ function nextStep(found) {
   const words = Object.values(found.arms).map((arm) => arm.word);
   const isOn = (word) => !["off", "powering", "fault", "no data"].includes(word);
   if (words.includes("fault") || !words.some(isOn)) return ["power-on", ""];
+  if (words.includes("paused")) return ["resume", ""];
   if (words.includes("powered") || words.includes("homing")) return ["home", ""];
-  if (words.includes("paused")) return ["none", "Paused"];
   const teleop = at("start-teleop");
   if (teleop && !found.consoles[teleop.dataset.console]) return ["teleop", ""];
   return ["none", "Ready"];
@@ -71,10 +71,14 @@ function questions(arms) {
   const faults = names("fault").map((name) => `${name} is in FAULT: ${arms[name].reason}`);
   const on = names("off", "powering", "fault", "no data");
   const off = names("off", "powering", "fault", "no data", "powered", "homing", "paused");
+  const paused = names("paused");
   const texts = {
+    resume: `Resume ${listed(paused)} (${paused.length} of ${count})? They resume what they were doing, and may move.`,
     "power-on": [...faults, `Power on ${listed(on) || "all arms"} (${on.length} of ${count})? Amplifiers switch on.`].join("\n"),
     home: [...faults, `Home ${listed(off) || "all arms"} (${off.length} of ${count})? They move. Keep hands and tissue away.`].join("\n"),
   };
+  const steps = JSON.stringify([paused.map((name) => [name, "state_command", [], "resume"])]);
+  if (at("resume").dataset.steps !== steps) at("resume").dataset.steps = steps; // of the arms in its question
   for (const button of document.querySelectorAll("[data-asks]")) if (button.dataset.confirm !== texts[button.dataset.asks]) button.dataset.confirm = texts[button.dataset.asks];
 }
 
