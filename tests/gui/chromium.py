@@ -89,6 +89,7 @@ class BrowserPage:
     def take_control(self) -> None:
         """Press Take control; once more where a busy machine has disconnected the page meanwhile."""
         end = time.monotonic() + DUE_S
+        self.js("localStorage.setItem('person', localStorage.getItem('person') || 'Tester')")
         while self.js("return document.body.dataset.control") != "you":
             self.until("document.body.dataset.connection === 'live'")
             # In one step: who goes from page to page gets control back by himself, and would now press to give it back.
