@@ -95,6 +95,7 @@ def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
     page.typed(z, f"{turn:.2f}".replace(".", ","))
     page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
     assert page.value("PSM1/state.measured_cp") == pytest.approx(before, abs=1e-4), "a preview moves nothing"
+    page.js("document.querySelector('[data-does=move-tip]').scrollIntoView({block: 'center'})")
     page.find("[data-does=move-tip]").click()
     page.answer_yes()
     page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[0] * 1000 - {goal}) < 0.05")
