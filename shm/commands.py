@@ -173,7 +173,8 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    move=True, ros=Ros("joint positions")),
         CommandRow("jaw/servo_jf", MOTION, "apply this jaw effort; if the arm was in position control, it goes limp",
                    (Argument("effort", "N·m"),), stream="jaw", types=PSM, ros=Ros("joint efforts", newest=True)),
-        CommandRow("hold", MOTION, "stay at the present setpoint", stops=(ANY,), ros=EMPTY),
+        CommandRow("hold", MOTION, "stay at the present setpoint; pause, and home no more, if not homed",
+                   stops=(ANY,), ros=EMPTY),
         CommandRow("end_stream", SETTING, "hold, if the present motion was requested by the same program"),
         CommandRow("free", MOTION, "zero efforts; gravity compensation stays", ros=EMPTY),
         CommandRow("trajectory_j/set_ratio", SETTING, "speed and acceleration of moves", (RATIO,), ros=Ros("number")),
@@ -276,6 +277,8 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    causes=("arm.state_command", "suj.state_command"), ros=EMPTY),
         CommandRow("home", POWER, "enable arms that are not enabled, then home all; done when all are homed",
                    causes=("arm.state_command", "suj.state_command"), ros=EMPTY),
+        CommandRow("hold", MOTION, "stop teleoperation of all consoles, end power_on and home, hold all arms; "
+                   "power stays", stops=(ANY,)),
         CommandRow("set_volume", SETTING, "volume of all sounds, 0 to 1", (Argument("volume"),), ros=Ros("number")),
         CommandRow("beep", SETTING, "make a beep", (Argument("duration", "s"),
                                                     Argument("frequency", "Hz", optional=True),

@@ -104,7 +104,7 @@ FOCUS_STATE = Topic("state", writer="focus", rate_hz=100, fields=(
 GUI_STATE = Topic("state", writer="gui", rate_hz=1, depth=64, fields=(
     Field("browsers", "<u4", "", "pages that are connected"),
     Field("watching", "<u4", "", "number of those that are visible and request data"),
-    Field("controlling", "S40", "", "address and port of the browser that has control, empty: none"),
+    Field("controlling", "S40", "", "operator in control, else the browser's address and port; empty: none"),
     Field("sent", "<u8", "", "messages with data sent since start"),
     Field("lost", "<u8", "", "number of those that slow browsers did not get"),
     Field("commands", "<u8", "", "commands passed on"),

@@ -17,6 +17,8 @@ DATES = {
     "procs/supervisor/os_process.py": "a line in a log",
     "procs/boards/endpoints.py": "the kernel's stamps of datagrams are in it",
     "procs/crtk/views.py": "stamps for other programs",
+    "procs/gui/browsers.py": "the time that the timeline counts from",
+    "procs/gui/past.py": "dates of records",
     "procs/recordings/facts.py": "dates of records",
     "procs/ros_bridge/loop.py": "its library waits by the time of day",
     "tools/from_ros/arm.py": "delays of messages, whose stamps are of it",

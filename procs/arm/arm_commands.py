@@ -88,7 +88,7 @@ class ArmCommands:
             streams.take(control.now_ns)
         elif command.move:
             streams.lead(sender)
-        if row.ready is not ALWAYS:
+        if row.ready is not ALWAYS or command.name == "hold":
             self._streamed_ns = control.now_ns if command.stream and self._timeout_ns else 0
         return text
 

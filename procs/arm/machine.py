@@ -119,7 +119,25 @@ class ArmStates:
             request.refuse(reason)
             self.publish()
             return False
-        event = next(e for e in COMMANDS if e == word)
+        self._carry_out(next(e for e in COMMANDS if e == word), request)
+        return True
+
+    def hold(self, request: Request) -> bool:
+        """The command `hold` outside HOMED: what moves by itself is paused, and no `home` waits for the power. Never
+        refused. Returns whether the request is answered.
+
+        ENABLED is paused, too: a `home` of the system may be on its way.
+        """
+        if self.state in UP:
+            self._carry_out(ArmEvent.PAUSE, request)
+            return True
+        if is_enabling(self.state, self.desired):
+            self.desired = ArmState.ENABLED
+            self._answer_pending("hold was requested", spared=(ArmEvent.ENABLE,))
+        self.publish()
+        return False
+
+    def _carry_out(self, event: ArmEvent, request: Request) -> None:
         self.settle(is_power_off=False)  # what an earlier one of this cycle asks for may be reached already
         self._answer_pending(f"{event} was requested", spared=(event, LEADS_TO.get(event)))
         request.accept()
@@ -128,7 +146,6 @@ class ArmStates:
         self._desire(event)
         self.fire(event)
         self.publish()
-        return True
 
     def settle(self, *, is_power_off: bool) -> None:
         """Answer the state commands in progress when they have ended."""

@@ -8,6 +8,7 @@ import json
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -20,12 +21,13 @@ from trocar.procs.crtk.plain import plain
 from trocar.procs.document.bridges import Rights
 from trocar.procs.gui.control import BrowserControl, Ticks
 from trocar.procs.gui.messages import OPS
+from trocar.procs.gui.past import Past
 from trocar.procs.gui.scene_source import ArmModels
 from trocar.procs.gui.sources import Sources
 from trocar.procs.kinematics.poses import POSE
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingError
-from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.clock import local_ns, monotonic_ns
 
 LATE_NS: Final = 1_000_000_000
 """Maximum age of a request on arrival, as in mailboxes."""
@@ -59,11 +61,18 @@ class ConsoleService:
     """Name of the pages that this server has: a page of another name is not its own."""
     generation: Callable[[], int]
     """Number of faults of the system so far."""
-    power_off: Sequence[Any] = ()
-    """Steps of Power off: a page of other pages than these uses them, too."""
+    ends: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    """Steps of Stop and of Power off: a page of other pages than these uses them, too."""
+    past: Past | None = None
     ticks: Ticks = field(default_factory=Ticks)
     control: BrowserControl = field(default_factory=BrowserControl)
     counts: ClientCounts = field(default_factory=ClientCounts)
+    persons: dict[str, str] = field(default_factory=dict)
+    """Names of operators, once given, by browser; several browsers may have the same."""
+
+    def person(self, browser: str) -> str:
+        """Name of its operator, by default its address and port; empty: no browser."""
+        return self.persons.get(browser, browser)
 
     def calls(self) -> Calls:
         """Access to all owners, for a person's commands."""
@@ -94,8 +103,11 @@ class Browser:
         self._end: asyncio.Future[None] | None = None
         self._ops: dict[str, Callable[[Message, int], None]] = {
             "want": self._want, "beat": self._beat, "control": self._control, "call": self._call,
-            "preview": self._preview, "jog": self._jog}
-        self._say("hello", run=served.run, name=name, system=served.system, power_off=served.power_off)
+            "preview": self._preview, "jog": self._jog, "past": self._past}
+        self._remembered: asyncio.Future[bytes] | None = None
+        """The answer to a question about the past, until it is sent: a page has one at a time."""
+        self._say("hello", run=served.run, name=name, system=served.system, **served.ends,
+                  now=local_ns() // 1_000_000)
 
     # -- messages from the page
 
@@ -148,13 +160,20 @@ class Browser:
             served.control.beat(self.name, now_ns, heard.sent_ns)
 
     def _control(self, asked: Message, now_ns: int) -> None:
-        control = self._served.control
+        control, expected = self._served.control, asked.parts["from"]
+        holder = control.holder(now_ns)
         if not asked.parts["take"]:
             control.drop(self.name)
         elif self._is_outdated:
             raise WrongMessage("this page is outdated: load it again")
-        elif (holder := control.take(self.name, now_ns, over=asked.parts["over"])) != self.name:
-            raise WrongMessage(f"{holder} has control")
+        elif expected and holder not in ("", self.name) and self._served.person(holder) != expected:
+            raise WrongMessage(f"{self._served.person(holder)} has control now, not {expected}; press it again")
+        elif control.take(self.name, now_ns, over=asked.parts["over"]) != self.name:
+            raise WrongMessage("another page has control")
+        if asked.parts["person"]:
+            self._served.persons[self.name] = asked.parts["person"]
+        if asked.id is not None:
+            self._say("reply", asked.id, outcome="done", text="")
 
     def _call(self, asked: Message, now_ns: int) -> None:
         served, parts = self._served, asked.parts
@@ -178,6 +197,24 @@ class Browser:
             raise WrongMessage(f"a pose has {POSE} numbers: x y z and a quaternion x y z w")
         found = arm.reaching(pose) if len(pose) else arm.at(np.array(asked.parts["position"]))
         self._say("reply", asked.id, outcome="done", text=json.dumps(plain(found)))
+
+    def _past(self, asked: Message, now_ns: int) -> None:
+        """The data of sources at a time, and samples of some."""
+        if self._served.past is None or self._remembered is not None:
+            raise WrongMessage("one question about the past at a time")
+        self._remembered = asyncio.wrap_future(self._served.past.ask(asked.parts, asked.id))
+        self._remembered.add_done_callback(partial(self._remember, asked.id))
+
+    def _remember(self, number: Any, found: asyncio.Future[bytes]) -> None:
+        if found.cancelled():
+            return
+        error = found.exception()
+        if error is not None:
+            self._remembered = None
+            self._refuse(number, str(error))
+        else:
+            self._answers.append(found.result())
+            self._news.set()
 
     def _jog(self, asked: Message, now_ns: int) -> None:
         """Joint velocities for a motion of the tip; the arm ends it 0.1 s after the last one."""
@@ -215,8 +252,11 @@ class Browser:
         for call, reply in self._calls.replies():
             self._say("reply", call.id, to=call.to, command=call.command, outcome=reply.outcome, text=reply.text)
 
-    def show(self, number: int, holder: str) -> None:
-        """Queue the changes of its data; all of the data if the page does not take its messages."""
+    def show(self, number: int, holder: str, person: str) -> None:
+        """Queue the changes of its data; all of the data if the page does not take its messages.
+
+        `holder`, `person`: browser in control, and its operator.
+        """
         counts, parts = self._served.counts, []
         if len(self._ticks) == PENDING:
             counts.lost += PENDING
@@ -228,7 +268,7 @@ class Browser:
                 self._shown[name] = part
                 parts.append(part)
         self.has_control = holder == self.name
-        head = said("tick", number, control=holder, you=self.has_control)[:-1]
+        head = said("tick", number, control=person, you=self.has_control)[:-1]
         self._ticks.append(head + b',"data":{' + b",".join(parts) + b"}}")
         counts.sent += 1
         self._news.set()
@@ -239,7 +279,10 @@ class Browser:
             await self._news.wait()
             self._news.clear()
             while self._answers:
-                await self._socket.send_text(self._answers.popleft().decode())
+                answer = self._answers.popleft()
+                await self._socket.send_text(answer.decode())
+                if self._remembered is not None and self._remembered.done() and answer is self._remembered.result():
+                    self._remembered = None
             while self._ticks:
                 await self._socket.send_text(self._ticks.popleft().decode())
 
@@ -251,9 +294,12 @@ class Browser:
     def gone(self) -> None:
         """The page has left: control and held buttons are released, subscriptions end. Commands under way finish."""
         self._served.control.drop(self.name)
+        self._served.persons.pop(self.name, None)
         self._served.sources.leave(self.wants)
         self.wants = ()
         self._calls.close()
+        if self._remembered is not None:
+            self._remembered.cancel()
 
 
 class Browsers:
@@ -275,18 +321,23 @@ class Browsers:
         self.all.discard(browser)
         browser.gone()
 
+    def person(self, holder: str) -> str:
+        """Name of the operator in control; empty: there is none."""
+        return self.served.person(holder)
+
     def tick(self, now_ns: int) -> None:
         """Once a cycle: one message to each page with all its data; each value is read once for all pages."""
         served = self.served
         holder, number = served.control.holder(now_ns), served.ticks.add(now_ns, served.generation())
         self._held.tick(holder, served.control.is_free(now_ns))
         served.sources.begin(now_ns)
+        person = self.person(holder)
         for browser in self.all:
             browser.begin()
             browser.look()
             # A hidden page is also informed when it gains or loses control.
             if browser.wants or browser.name == holder or browser.has_control:
-                browser.show(number, holder)
+                browser.show(number, holder, person)
 
     def forget(self, why: str) -> None:
         """Messages received meanwhile are out of date: all pages are disconnected, none has control."""

@@ -6,9 +6,8 @@ import contextlib
 from typing import Any, Final
 
 from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.rings import Readable, Rings, present
 from trocar.shm.memory.segment import SegmentError
-from trocar.shm.ring.ring import RingReader
-from trocar.shm.system import directory
 
 A_LOOK: Final = 64
 """Events of a process that are read in a tick."""
@@ -17,8 +16,8 @@ A_LOOK: Final = 64
 class ButtonsSource:
     """`last` of each input by owner, in the order of its record: its last event and time; empty: no event yet."""
 
-    def __init__(self, document: SystemConfig) -> None:
-        self._readers: list[tuple[str, RingReader]] = []
+    def __init__(self, document: SystemConfig, rings: Rings = present) -> None:
+        self._readers: list[tuple[str, Readable]] = []
         self._places: dict[tuple[str, str], dict[str, Any]] = {}
         self._last: dict[str, list[dict[str, Any]]] = {}
         for owner in (*(io.name for io in document.ios), *(row.name for row in document.third_parties)):
@@ -27,7 +26,7 @@ class ButtonsSource:
             self._places |= {(owner, name): row for name, row in zip(names, self._last[owner], strict=True)}
             if names:
                 with contextlib.suppress(SegmentError):
-                    self._readers.append((owner, directory.reader(document.name, owner, "events", often=False)))
+                    self._readers.append((owner, rings(document.name, owner, "events", None)))
         for owner, reader in self._readers:
             for event in reader.last(reader.depth):
                 self._take(owner, event)

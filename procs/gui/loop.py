@@ -11,6 +11,7 @@ import asyncio
 import os
 import socket
 from contextlib import AbstractContextManager, nullcontext, suppress
+from functools import partial
 from typing import Any, Final
 
 import uvicorn
@@ -20,15 +21,19 @@ from trocar.procs.crtk.calls import owners_of
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.browsers import Browsers, ConsoleService
 from trocar.procs.gui.catalogue import sources_of
+from trocar.procs.gui.fault_files import recordings_of
 from trocar.procs.gui.gate import Gate
 from trocar.procs.gui.pages.application import application, name_of, texts_of_pages
-from trocar.procs.gui.pages.frame import power_off
+from trocar.procs.gui.pages.strip import ends
+from trocar.procs.gui.past import Past
 from trocar.procs.gui.scene_source import ArmModels
+from trocar.procs.gui.timeline_source import TimelineSource
 from trocar.procs.machine.access import tls_of, token_in
 from trocar.procs.machine.paths import token_file
 from trocar.procs.node import runtime
 from trocar.procs.node.pacing import duration
 from trocar.procs.node.serving import ServingLoop
+from trocar.shm.system import directory
 
 BYTES: Final = 1 << 20
 """Of a message."""
@@ -51,10 +56,12 @@ class GuiLoop(ServingLoop):
         if console is None:
             raise ValueError("the system has no web console")
         self._most, texts = console.max_clients, texts_of_pages(document)
-        sources, models = node.hold(sources_of(document)), node.hold(ArmModels(document))
+        past = node.hold(Past(document, recordings_of(document), directory.document(document.name)))
+        sources = node.hold(sources_of(document, partial(TimelineSource, document, past)))
+        models = node.hold(ArmModels(document))
         self._browsers = node.hold(Browsers(ConsoleService(
             document.name, owners_of(document), sources, node.pauses.is_over, models, name_of(texts),
-            node.faults().generation, power_off(document))))
+            node.faults().generation, ends(document), past)))
         token, tls = token_in(console.token_file or _made_token(document)), tls_of(console)
         pages = application(document, texts, self._live, node.log)
         self._server = _Server(uvicorn.Config(
@@ -98,8 +105,9 @@ class GuiLoop(ServingLoop):
     def shown(self, now_ns: int) -> dict[str, Any]:
         """Activity of the pages."""
         browsers, counts = self._browsers.all, self._browsers.served.counts
+        holder = self._browsers.served.control.holder(now_ns)
         return {"browsers": len(browsers), "watching": sum(bool(browser.wants) for browser in browsers),
-                "controlling": self._browsers.served.control.holder(now_ns).encode()[:40], "sent": counts.sent,
+                "controlling": self._browsers.person(holder).encode()[:40], "sent": counts.sent,
                 "lost": counts.lost, "commands": counts.commands, "refused": counts.refused}
 
     async def disconnect(self) -> None:

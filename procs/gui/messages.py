@@ -9,6 +9,7 @@ from trocar.procs.crtk.messages import FLAG, NO_WORD, SOME_NUMBERS, VALUES, WORD
 
 MAX_SOURCES: Final = 64
 MAX_NAME: Final = 160
+MAX_PERSON: Final = 24
 
 
 def _names(value: Any) -> Any:
@@ -24,14 +25,26 @@ def _count(value: Any) -> Any:
     raise ValueError
 
 
+def _person(value: Any) -> Any:
+    if isinstance(value, str) and len(value) <= MAX_PERSON and value.isprintable():
+        return value.strip()
+    raise ValueError
+
+
 TICK: Final = MessagePart("the number of a tick", _count, 0)
 """The newest tick that the page has received; without it a request counts as old."""
 SINCE: Final = MessagePart("the number of a tick", _count, 0)
 """The tick at which a person pressed for a sequence of which this is a step; 0: just now."""
+PERSON: Final = MessagePart(f"a name of up to {MAX_PERSON} characters", _person, "")
+"""The operator's name, which the other pages show; by default the browser's address and port."""
+SOURCES: Final = MessagePart(f"a list of up to {MAX_SOURCES} names", _names)
+MOMENT: Final = MessagePart("a time of day, ms", _count, 0)
 OPS: Final[Ops] = {
-    "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
+    "want": {"sources": SOURCES},
     "beat": {"tick": TICK},
-    "control": {"take": FLAG, "over": replace(FLAG, default=False)},
+    "control": {"take": FLAG, "over": replace(FLAG, default=False), "person": PERSON, "from": PERSON},
+    "past": {"at": MOMENT, "from": MOMENT, "to": MOMENT, "points": MessagePart("a number of samples", _count, 0),
+             "sources": SOURCES},
     "preview": {"arm": WORD, "position": SOME_NUMBERS, "pose": SOME_NUMBERS},
     "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": replace(FLAG, default=False),
             "tick": TICK},

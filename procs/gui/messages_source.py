@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, Final
 
-from trocar.procs.crtk.reported import FIELDS, event_rings, message_of
+from trocar.procs.crtk.reported import FIELDS, message_of
 from trocar.procs.document.system import SystemConfig
-from trocar.shm.ring.ring import RingReader
+from trocar.procs.gui.rings import Readable, Rings, event_rings, present
 from trocar.shm.system.events import ERROR, STATUS
 
 KEPT: Final = 80
@@ -20,14 +20,10 @@ A_LOOK: Final = 32
 class MessagesSource:
     """The newest messages of all processes, oldest first."""
 
-    def __init__(self, document: SystemConfig) -> None:
-        named = {row.name for row in document.processes}
-        self._readers: list[tuple[str, RingReader]] = []
-        for name, reader in event_rings(document.name):
-            if name in named:
-                self._readers.append((name, reader))
-            else:
-                reader.close()
+    def __init__(self, document: SystemConfig, rings: Rings = present, least: int = STATUS) -> None:
+        """`least`: severity from which on they are kept; with ERROR, the alarms."""
+        self._least = least
+        self._readers = event_rings(document, rings)
         self._rows: deque[dict[str, Any]] = deque(maxlen=KEPT)
         self._robots = {(arm.io, arm.robot): arm.name for arm in document.arms}
         self._arms = {arm.name for arm in document.arms}
@@ -52,20 +48,20 @@ class MessagesSource:
             self._shown = {"age": 0.0, "rows": list(self._rows), "remedies": remedies}
         return self._shown
 
-    def _before(self, reader: RingReader) -> list[Any]:
+    def _before(self, reader: Readable) -> list[Any]:
         """From before the page was opened: the newest messages, and all errors still kept."""
         kept = reader.last(reader.depth)
         while reader.next():
             pass
         newest = len(kept) - OLDER
-        return [row for i, row in enumerate(kept) if row["severity"] >= (STATUS if i >= newest else ERROR)]
+        return [row for i, row in enumerate(kept) if row["severity"] >= (self._least if i >= newest else ERROR)]
 
-    def _new(self, reader: RingReader) -> list[Any]:
+    def _new(self, reader: Readable) -> list[Any]:
         found = []
         for _ in range(A_LOOK):
             if not reader.next():
                 break
-            if int(reader.field("severity")) >= STATUS:
+            if int(reader.field("severity")) >= self._least:
                 found.append({key: reader.field(key)[()] for key in (*FIELDS, "component")})
         return found
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from trocar.procs.crtk.field_paths import FieldCells, FieldPath, cells_of, parse_path
 from trocar.procs.crtk.topics import TopicEntry, find
 from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.rings import PastReader, Rings, present
 from trocar.procs.gui.robots import IoRobot
 from trocar.procs.gui.sources import Maker, WantedRing
 from trocar.procs.gui.validity import checked
@@ -41,7 +42,8 @@ class SampleSource(WantedRing, ABC):
             return {"age": None}
         if self._reader.stamp_ns == self._stamp_ns:
             return {"age": round((now_ns - self._seen_ns) * 1e-9, 1), "t": [], "v": []}
-        rows = self._reader.since(max(self._stamp_ns + 1, self._reader.stamp_ns - self.before_ns))
+        before_ns = self._reader.stamp_ns if isinstance(self._reader, PastReader) else self.before_ns
+        rows = self._reader.since(max(self._stamp_ns + 1, self._reader.stamp_ns - before_ns))
         if not len(rows):
             return {"age": 0.0, "t": [], "v": []}
         self._stamp_ns, self._seen_ns = int(rows["stamp_ns"][-1]), now_ns
@@ -57,7 +59,7 @@ class PlotSource(SampleSource):
 
     before_ns = PLOTTED_NS
 
-    def __init__(self, document: SystemConfig, entry: TopicEntry, path: FieldPath) -> None:
+    def __init__(self, document: SystemConfig, entry: TopicEntry, path: FieldPath, rings: Rings = present) -> None:
         """Attach, and subscribe with the group of the field; SegmentError or ValueError if it does not exist."""
         reader = directory.reader(document.name, entry.instance, entry.ring, often=False)
         try:
@@ -65,7 +67,7 @@ class PlotSource(SampleSource):
         finally:
             reader.close()
         group = self._cells.field.group
-        super().__init__(document.name, entry.instance, entry.ring, *([group] if group else []))
+        super().__init__(document.name, entry.instance, entry.ring, *([group] if group else []), rings=rings)
 
     def _shown(self, rows: NDArray[Any]) -> dict[str, Any]:
         values = self._cells.numbers(rows)[:, 0]
@@ -77,11 +79,12 @@ class TraceSource(SampleSource):
 
     before_ns = TRACED_NS
 
-    def __init__(self, system: str, robot: IoRobot, axis: int) -> None:
+    def __init__(self, system: str, robot: IoRobot, axis: int, rings: Rings = present) -> None:
         """Attach and subscribe; SegmentError if it cannot be read."""
-        super().__init__(system, robot.io.name, IO_STATE.name, kind="io")
+        super().__init__(system, robot.io.name, IO_STATE.name, kind="io", rings=rings)
         self._axis, self._robot = robot.axes.start + axis, robot.place
-        self._each = max(1, round(CLOSEST_S / robot.io.period_s))
+        # A recording does not have all records: each of its own is used.
+        self._each = max(1, round(CLOSEST_S / robot.io.period_s)) if rings is present else 1
 
     def _shown(self, rows: NDArray[Any]) -> dict[str, Any]:
         rows = rows[rows["sequence"] % self._each == 0]
@@ -101,7 +104,7 @@ def _number(reader: RingReader, entry: TopicEntry, path: FieldPath) -> FieldCell
     return cells
 
 
-def plot_of(document: SystemConfig, name: str) -> Maker:
+def plot_of(document: SystemConfig, rings: Rings, name: str) -> Maker:
     """Factory for the source of a field path; ValueError if the path is invalid, or not one number."""
     path = parse_path(name)
     try:
@@ -113,4 +116,4 @@ def plot_of(document: SystemConfig, name: str) -> Maker:
         _number(reader, entry, path)
     finally:
         reader.close()
-    return partial(PlotSource, document, entry, path)
+    return partial(PlotSource, document, entry, path, rings)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.document.gains import PidAxis
 from trocar.procs.document.system import IoConfig, PidConfig, Robot, SystemConfig
+from trocar.procs.gui.rings import Rings, present
 from trocar.procs.gui.sources import RecordSource
 from trocar.procs.node.fault_report import fault_of
 from trocar.shm.topics import IO_GAINS, IO_STATE
@@ -99,10 +100,11 @@ def slides(robot: Robot, pid: PidConfig | None) -> list[bool]:
 class RobotSource(RecordSource):
     """The state of one robot: its share of the io's record, and its fault in words."""
 
-    def __init__(self, system: str, robot: IoRobot, *, simulated: bool) -> None:
+    def __init__(self, system: str, robot: IoRobot, *, simulated: bool, rings: Rings = present) -> None:
         """Attach; SegmentError when it cannot be read."""
         self._name = robot.robot.name
-        super().__init__(system, robot.io.name, IO_STATE.name, simulated=simulated, cuts=robot.cuts(IO_STATE.fields))
+        super().__init__(system, robot.io.name, IO_STATE.name, simulated=simulated, cuts=robot.cuts(IO_STATE.fields),
+                         rings=rings)
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """Its fields; `cause` and `remedy` of a latched fault. Its age is that of its boards' last good sample."""
@@ -117,9 +119,9 @@ class RobotSource(RecordSource):
 class PinsSource(RecordSource):
     """Inputs and outputs of an io, as old as its oldest board sample: pages cannot tell which board that is."""
 
-    def __init__(self, system: str, io: str, *, simulated: bool) -> None:
+    def __init__(self, system: str, io: str, *, simulated: bool, rings: Rings = present) -> None:
         """Attach; SegmentError when it cannot be read."""
-        super().__init__(system, io, IO_STATE.name, simulated=simulated, cuts=dict.fromkeys(PINS, WHOLE))
+        super().__init__(system, io, IO_STATE.name, simulated=simulated, cuts=dict.fromkeys(PINS, WHOLE), rings=rings)
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """`input` and `output`."""
@@ -135,7 +137,7 @@ def _as_old_as(found: dict[str, Any], field: str) -> None:
         found["age"] = max(found["age"], sampled_s) if sampled_s < NEVER_S else None
 
 
-def gains_source(system: str, robot: IoRobot) -> RecordSource:
+def gains_source(system: str, robot: IoRobot, rings: Rings = present) -> RecordSource:
     """The gains of one robot."""
     return RecordSource(system, robot.io.name, IO_GAINS.name, simulated=False, cuts=robot.cuts(IO_GAINS.fields),
-                        ages=False)
+                        ages=False, rings=rings)

@@ -13,14 +13,15 @@ from trocar.procs.crtk.names import none_such
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.rings import Rings, present, seen_ns
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import carrying, inverse_carrying
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import given_pose, inverse, matrix_from_pose, pose_from_matrix
+from trocar.procs.kinematics.trajectory import Trajectory
 from trocar.procs.kinematics.walls.recorded import recorded_walls
 from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.memory.segment import SegmentError
-from trocar.shm.system import directory
 
 Array = NDArray[np.float64]
 LATE_NS: Final = 500_000_000
@@ -34,13 +35,13 @@ DAMPING: Final = 1e-5
 class SceneArm:
     """One arm: the frames of its links in the frame in which its poses are given."""
 
-    def __init__(self, document: SystemConfig, arm: ArmConfig) -> None:
+    def __init__(self, document: SystemConfig, arm: ArmConfig, rings: Rings = present) -> None:
         """Attach; SegmentError when its record cannot be read."""
         self._arm = arm
-        self._reader = directory.reader(document.name, arm.name, "state", "arm", often=False)
+        self._reader = rings(document.name, arm.name, "state", "arm")
         self._cells = {name: self._reader.field(name) for name in (
             "position", "count", "tool", "base_frame", "reference_frame", "state", "valid", "has_jaw", "jaw_position",
-            "setpoint_position", "gripper_position", "reference_valid")}
+            "setpoint_position", "gripper_position", "reference_valid", "trajectory_ratio_v", "trajectory_ratio_a")}
         self._tool, self.kinematics = "", carrying(arm, arm.endoscope)
         self._solver: InverseSolver | None = None
         self._sequence, self._seen_ns = 0, 0
@@ -54,7 +55,7 @@ class SceneArm:
         if not self.look():
             return {"frames": [], "late": True}
         if self._reader.sequence != self._sequence:
-            self._sequence, self._seen_ns = self._reader.sequence, now_ns
+            self._sequence, self._seen_ns = self._reader.sequence, seen_ns(self._reader, now_ns)
         cells, count = self._cells, min(self.kinematics.n, int(self._cells["count"]))
         is_late = now_ns - self._seen_ns > LATE_NS
         q = np.nan_to_num(cells["position"][:self.kinematics.n])
@@ -89,7 +90,18 @@ class SceneArm:
         """Where its links would be at these joints, and which of those are beyond their limits."""
         if len(q) != self.kinematics.n:
             raise ValueError(f"{self._arm.name} has {self.kinematics.n} joints now, not {len(q)}")
-        return {"frames": frames_of(self.kinematics, q, self._base), "beyond": self.near(q, -SLACK).tolist()}
+        return {"frames": frames_of(self.kinematics, q, self._base), "beyond": self.near(q, -SLACK).tolist(),
+                "seconds": self.seconds(q)}
+
+    def seconds(self, q: Array) -> float | None:
+        """Duration of a move there, planned as the arm does; None: it would be refused."""
+        n, cells = self.kinematics.n, self._cells
+        limits = ARM_TYPES[self._arm.type].moves.scaled(*(float(cells[f"trajectory_ratio_{x}"]) or 1.0 for x in "va"))
+        v_max, a_max = (np.pad(row[:n], (0, max(0, n - len(row))), mode="edge") for row in limits)
+        trajectory = Trajectory(n, self._arm.jerk_time_s)
+        begin = np.nan_to_num(cells["setpoint_position"][:n])
+        error = trajectory.start(begin, np.zeros(n), np.array(q), v_max, a_max, 0.0)
+        return None if error is not None else round(trajectory.duration, 1)
 
     def reaching(self, pose: Array) -> dict[str, Any]:
         """The same for a pose (7,) of its tip in the frame of its poses; ValueError: out of reach, with the reason."""
@@ -123,9 +135,9 @@ class SceneArm:
 class SceneWalls:
     """The walls of one arm."""
 
-    def __init__(self, system: str, arm: str) -> None:
+    def __init__(self, system: str, arm: str, rings: Rings = present) -> None:
         """Attach; SegmentError when its record cannot be read."""
-        self._reader = directory.reader(system, arm, "walls", "arm", often=False)
+        self._reader = rings(system, arm, "walls", "arm")
         self._sequence, self._shown = 0, dict[str, Any]()
 
     def read(self) -> dict[str, Any]:
@@ -148,9 +160,9 @@ class SceneWalls:
 class SceneCart:
     """One cart."""
 
-    def __init__(self, system: str, cart: Cart) -> None:
+    def __init__(self, system: str, cart: Cart, rings: Rings = present) -> None:
         """Attach; SegmentError when its record cannot be read."""
-        self._reader = directory.reader(system, cart.name, "state", "suj", often=False)
+        self._reader = rings(system, cart.name, "state", "suj")
         self._positions, self._valid = (self._reader.field(name) for name in ("position", "setup_valid"))
         self._arms = [(place, arm, Kinematics(arm.chain)) for place, arm in enumerate(cart.arms)
                       if arm.chain is not None and arm.world is not None and arm.tip is not None]
@@ -163,7 +175,7 @@ class SceneCart:
         if not self._reader.newest():
             return {}
         if self._reader.sequence != self._sequence:
-            self._sequence, self._seen_ns = self._reader.sequence, now_ns
+            self._sequence, self._seen_ns = self._reader.sequence, seen_ns(self._reader, now_ns)
         late = now_ns - self._seen_ns > LATE_NS
         return {arm.name: {"frames": self._frames(place, arm, kinematics), "late": late,
                            "valid": bool(self._valid[place]), "carries": arm.carries}
@@ -226,9 +238,9 @@ def joint_velocity(kinematics: Kinematics, q: Array, twist: Array, base: Array |
 class ShownPose:
     """The pose of an arm, or setup arm, that a program shows: `trocar commission` while it asks for it."""
 
-    def __init__(self, document: SystemConfig) -> None:
+    def __init__(self, document: SystemConfig, rings: Rings = present) -> None:
         """Attach; SegmentError when the system's record cannot be read."""
-        self._reader = directory.reader(document.name, "system", "state", "system", often=False)
+        self._reader = rings(document.name, "system", "state", "system")
         self._arm, self._position = (self._reader.field(name) for name in ("shown_arm", "shown_position"))
         self._setups = {f"{cart.name}/{arm.name}": (arm, Kinematics(arm.chain)) for cart in document.carts
                         for arm in cart.arms if arm.chain is not None and arm.world is not None}
@@ -239,7 +251,7 @@ class ShownPose:
         if not self._reader.newest():
             return None
         if self._reader.sequence != self._sequence:
-            self._sequence, self._seen_ns = self._reader.sequence, now_ns
+            self._sequence, self._seen_ns = self._reader.sequence, seen_ns(self._reader, now_ns)
         name = self._arm.item().decode(errors="replace")
         if not name or now_ns - self._seen_ns > LATE_NS:
             return None
@@ -260,20 +272,20 @@ class ShownPose:
 class SceneSource:
     """All arms and carts, in one message."""
 
-    def __init__(self, document: SystemConfig) -> None:
+    def __init__(self, document: SystemConfig, rings: Rings = present) -> None:
         self._arms: dict[str, SceneArm] = {}
         self._walls: dict[str, SceneWalls] = {}
         for arm in document.arms:
             with contextlib.suppress(SegmentError):
-                self._arms[arm.name] = SceneArm(document, arm)
-                self._walls[arm.name] = SceneWalls(document.name, arm.name)
+                self._arms[arm.name] = SceneArm(document, arm, rings)
+                self._walls[arm.name] = SceneWalls(document.name, arm.name, rings)
         self._carts: dict[str, SceneCart] = {}
         for cart in document.carts:
             with contextlib.suppress(SegmentError):
-                self._carts[cart.name] = SceneCart(document.name, cart)
+                self._carts[cart.name] = SceneCart(document.name, cart, rings)
         self._shown: ShownPose | None = None
         with contextlib.suppress(SegmentError):
-            self._shown = ShownPose(document)
+            self._shown = ShownPose(document, rings)
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """`arms`, their `walls`, and `carts` with their setup arms, by name; `shown`: the pose that a program shows."""

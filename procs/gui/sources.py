@@ -9,8 +9,8 @@ import numpy as np
 import orjson
 
 from trocar.procs.crtk.names import none_such
+from trocar.procs.gui.rings import Rings, present
 from trocar.shm.memory.segment import SegmentError
-from trocar.shm.system import directory
 from trocar.shm.system.subscriptions import Subscriber
 
 PROGRAM: Final = "gui"
@@ -37,15 +37,18 @@ class Source(Protocol):
 
 
 class WantedRing:
-    """A ring that is read, with a subscription while it is open."""
+    """A ring that is read; a present one with a subscription while it is open."""
 
-    def __init__(self, system: str, instance: str, ring: str, *groups: str, kind: str | None = None) -> None:
+    def __init__(self, system: str, instance: str, ring: str, *groups: str, kind: str | None = None,
+                 rings: Rings = present) -> None:
         """Attach, and subscribe with these groups of fields; SegmentError if it cannot be read.
 
         `kind`: the layout must be that of this kind of process.
         """
-        self._reader = directory.reader(system, instance, ring, kind, often=False)
+        self._reader = rings(system, instance, ring, kind)
         self._subscriber: Subscriber | None = None
+        if rings is not present:
+            return
         try:
             self._subscriber = Subscriber(system, instance, PROGRAM)
             self._subscriber.want(ring, *groups)
@@ -64,16 +67,17 @@ class RecordSource(WantedRing):
     """The newest record of a ring, its fields by their names."""
 
     def __init__(self, system: str, instance: str, ring: str, *, simulated: bool,
-                 cuts: Mapping[str, Any] | None = None, ages: bool = True) -> None:
+                 cuts: Mapping[str, Any] | None = None, ages: bool = True, rings: Rings = present) -> None:
         """Attach and subscribe; SegmentError if it cannot be read.
 
         `cuts`: only these fields, and of each the value at this index. `ages`: not for records written on change only.
         """
-        super().__init__(system, instance, ring)
+        super().__init__(system, instance, ring, rings=rings)
         names = [name for name in self._reader.dtype.names or () if name not in UNSEEN]
         self._fields = [(name, _encoder(self._reader.field(name), None if cuts is None else cuts[name]))
                         for name in names if name != "sequence" and (cuts is None or name in cuts)]
-        self._sequence, self._seen_ns, self._simulated, self._ages = 0, 0, simulated, ages
+        self._sequence, self._seen_ns, self._ages = 0, 0, ages
+        self._simulated = simulated and rings is present
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """Fields of the newest record; only `age` where there is none yet."""

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Final
 
 from trocar.procs.recorder.disk import Disk, DiskFile
-from trocar.procs.recorder.files import KeptFile, kept, path_of, remove, too_old
+from trocar.procs.recorder.files import path_of, remove, too_old
 from trocar.procs.recorder.sources import LocalTimes, SystemSources
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
+from trocar.procs.recordings.folder import KeptFile, kept
 from trocar.shm.memory.segment import SegmentError
 
 PARTS: Final = 10

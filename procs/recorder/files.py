@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from trocar.procs.recordings import names
+from trocar.procs.recordings.folder import KeptFile, kept
 from trocar.procs.recordings.reading import RecordingError, open_recording
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
@@ -19,30 +19,6 @@ def path_of(folder: Path, kind: str, begin_ns: int, name: str = "") -> Path:
     time = names.utc(begin_ns)
     words = [name, time] if kind == names.NAMED else [kind, time, *([name] if name else [])]
     return folder / f"{'-'.join(words)}.mcap"
-
-
-@dataclass(frozen=True, slots=True)
-class KeptFile:
-    """A file of the folder: its size, and the time of the last write (time of day, ns)."""
-
-    path: Path
-    size: int
-    end_ns: int
-
-
-def kept(folder: Path, kind: str) -> list[KeptFile]:
-    """Recordings of a kind, in the order of their names, i.e. oldest first; unreadable files are left out."""
-    found = []
-    ours = re.compile(rf"{kind}-{names.TIME}(-.*)?\.mcap")
-    for path in sorted(folder.glob(f"{kind}-*.mcap")):
-        if not ours.fullmatch(path.name):  # a user's file
-            continue
-        try:
-            status = path.stat()
-        except OSError:
-            continue
-        found.append(KeptFile(path, status.st_size, status.st_mtime_ns))
-    return found
 
 
 def too_old(files: list[KeptFile], now_ns: int, seconds: float, most_bytes: int) -> list[Path]:

@@ -24,9 +24,9 @@ ENABLED, FAULT = "ENABLED", "FAULT"
 class ArmOnRing:
     """One arm, or the setup joints of a cart, by its record and mailbox."""
 
-    def __init__(self, name: str, record: Input, client: LoopClient) -> None:
-        """The state is unknown until `look`."""
-        self.name = name
+    def __init__(self, name: str, record: Input, client: LoopClient, *, holds: bool) -> None:
+        """The state is unknown until `look`; `holds`: it has the command `hold`."""
+        self.name, self._holds = name, holds
         self._record, self._client = record, client
         self._fields = {key: record.field(key) for key in ("state", "is_homed", "is_busy", "reason")}
         self.state, self.is_homed, self.is_busy, self.is_fresh = "", False, False, False
@@ -54,11 +54,18 @@ class ArmOnRing:
         self._asked = self._client.send("state_command", (), word)
         return bool(self._asked)
 
+    def hold(self) -> None:
+        """Stop it, after all that was asked of it; setup joints are moved by hand only."""
+        if self._holds:
+            self._client.send("hold")
+
 
 def arms_of(node: Node) -> Sequence[ArmOnRing]:
     """All arms of the system in start order, then setup joints."""
-    return [ArmOnRing(row.name, node.input(row.name, late_s=LATE_S), node.commands(row.name))
-            for rows in (node.document.arms, node.document.carts) for row in rows]
+    document = node.document
+    return [ArmOnRing(row.name, node.input(row.name, late_s=LATE_S), node.commands(row.name),
+                      holds=rows is document.arms)
+            for rows in (document.arms, document.carts) for row in rows]
 
 
 class Step:

@@ -36,8 +36,8 @@ class SystemCommands:
         """The request that shows a pose, with its program, while that runs."""
         self._now_ns = 0
         self._table: dict[str, Handler] = {
-            **dict.fromkeys((POWER_ON, HOME, POWER_OFF), self._begin), "set_volume": self._set_volume,
-            "beep": self._beep, "string_to_speech": self._say,
+            **dict.fromkeys((POWER_ON, HOME, POWER_OFF), self._begin), "hold": self._hold,
+            "set_volume": self._set_volume, "beep": self._beep, "string_to_speech": self._say,
             "show_pose": self._show,
         }
 
@@ -69,14 +69,27 @@ class SystemCommands:
         if self.bring_up is not None and self.bring_up.goal != request.name:
             self._answer(f"{request.name} was requested")
         if request.name == POWER_OFF:
-            for console in self._consoles:
-                console.send("teleop_enable", (0.0,))
-                console.poll()
+            self._stop_teleop()
         self._events.status(f"system: {request.name}", "system")
         request.accept()
         self.bring_up = BringUp(request.name, self._arms, self._now_ns, request.origin)
         self._asked.append(request)
         return ANSWERED
+
+    def _hold(self, request: Request) -> None:
+        """Arms are held from here, too: what this process has just sent to them comes before."""
+        if self.bring_up is not None and self.bring_up.goal != POWER_OFF:
+            self.bring_up = None
+            self._answer("hold was requested")
+        self._stop_teleop()
+        for arm in self._arms:
+            arm.hold()
+        self._events.status("system: hold", "system")
+
+    def _stop_teleop(self) -> None:
+        for console in self._consoles:
+            console.send("teleop_enable", (0.0,))
+            console.poll()
 
     def _end(self, bring_up: BringUp) -> None:
         self.bring_up, problems = None, bring_up.problems

@@ -49,6 +49,17 @@ def test_a_full_adapter_swing_takes_as_long_as_in_the_reference() -> None:
     assert psm.until(lambda: len(psm.reported) == 2) == pytest.approx(1.378, abs=0.01)
 
 
+def test_hold_stops_the_swings() -> None:
+    psm = SwitchedPsm().homed()
+    psm.put_on("adapter")
+    psm.run(1.0)
+    assert psm.arm.state == "ENGAGING_ADAPTER" and psm.send("hold").outcomes == ["accepted", "done"]
+    psm.run(0.02)
+    here = psm.io.setpoint.copy()
+    psm.run(1.0)
+    assert psm.arm.state == "PAUSED" and np.array_equal(psm.io.setpoint, here)
+
+
 def test_adapter_taken_off_while_engaging_leaves_the_arm_homed() -> None:
     psm = SwitchedPsm().homed()
     psm.put_on("adapter")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from typing import cast
 
 import pytest
 
 from tests.arm.fake_io import ArmHarness
-from tests.arm.fake_requests import FakeRequest
+from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.cases import cases
+from trocar.procs.arm.machine import ArmStates
 from trocar.procs.arm.states import (
     ACCEPTED,
     ACCEPTED_ENABLING,
@@ -23,6 +25,8 @@ from trocar.procs.arm.states import (
     follow,
     refusal,
 )
+from trocar.shm.mailbox.received import Request
+from trocar.shm.system.events import Events
 
 POWERED = (ArmState.ENABLED, ArmState.CALIBRATING, ArmState.BIASED, ArmState.HOMING, ArmState.HOMED)
 # of some arms only
@@ -141,6 +145,43 @@ def test_every_command_in_every_state_is_answered_and_leads_on(state: str, word:
     paused = harness.arm.state == "PAUSED" and state in ("HOMED", "PAUSED") and word != "unhome"
     assert bool(harness.state["is_homed"]) is (harness.arm.state == "HOMED" or paused)
     assert not harness.reports.of("error")
+
+
+HELD = {**{str(state): "PAUSED" for state in POWERED}, "HOMED": "HOMED", "POWERING": "ENABLED"}
+
+
+@cases("state", COMMON)
+def test_hold_is_accepted_in_every_state_and_nothing_moves_after_it(state: str) -> None:
+    harness = ArmHarness()
+    harness.reach(state)
+    assert harness.send("hold").outcomes[-1] == "done"
+    harness.run(0.01)
+    before = harness.io.position.copy()
+    with harness.hurried():
+        harness.run(1.0)
+    assert harness.arm.state == HELD.get(state, state) and (harness.io.position == before).all()
+    assert not harness.reports.of("warning") or state == "FAULT"
+
+
+@pytest.mark.parametrize("state", [state for state in (*POWERED, *OWN) if state is not ArmState.HOMED])
+def test_hold_pauses_whatever_an_arm_does_by_itself(state: ArmState) -> None:
+    states = ArmStates("PSM1", cast(Events, FakeReports()), lambda left: None, lambda: False)
+    states.place(state)
+    request = FakeRequest("hold")
+    assert states.hold(cast(Request, request)) and states.state is ArmState.PAUSED
+    states.settle(is_power_off=False)
+    assert request.outcomes == ["accepted", "done"]
+
+
+def test_hold_cancels_a_home_that_waits_for_the_power() -> None:
+    harness = ArmHarness()
+    harness.run(0.1)
+    enable, home = harness.state_command("enable"), harness.state_command("home")
+    assert harness.arm.state == "POWERING" and home.outcomes == ["accepted"]
+    assert harness.send("hold").outcomes == ["done"] and home.replies[-1] == ("failed", "hold was requested")
+    with harness.hurried():
+        harness.run(2.0)
+    assert harness.arm.state == "ENABLED" and enable.outcomes == ["accepted", "done"]
 
 
 def test_an_accepted_command_without_change_is_answered_twice() -> None:

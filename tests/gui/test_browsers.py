@@ -25,7 +25,8 @@ from trocar.shm.mailbox.mailbox_map import create_mailbox
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 
-OFF = [[["PSM1", "state_command", [], "disable"]]]
+OFF, STOP = [[["PSM1", "state_command", [], "disable"]]], [[["PSM1", "hold", [], ""]]]
+ENDS = {"power_off": OFF, "stop": STOP}
 
 
 class FakePage:
@@ -55,7 +56,7 @@ class Console:
         self.faults = Faults(scripted.name, write=True)
         self.owners = owners_of(document)
         self.all = Browsers(ConsoleService(scripted.name, self.owners, self.sources, lambda: self.is_over,
-                                            self.models, "r", self.faults.generation, OFF))
+                                            self.models, "r", self.faults.generation, ENDS))
         self.control = self.all.served.control
         self._tasks: list[asyncio.Task[None]] = []
         self.made = 0
@@ -183,13 +184,28 @@ def test_only_the_page_that_has_control_commands(world: World) -> None:
         await console.tick()
         assert one.last("reply")["outcome"] == "done"
         answer = await console.ask(second, two, "control", take=True)
-        assert answer["outcome"] == "refused" and "page 1 has control" in answer["text"]
+        assert answer["outcome"] == "refused" and "another page has control" in answer["text"]
         assert "take control" in (await console.ask(second, two, "call", **enable))["text"]
         second.handle('{"op": "control", "take": true, "over": true}')
         assert "take control" in (await console.ask(first, one, "call", **enable))["text"]
         assert executed(console.robot) == []
         console.all.leave(second)
         assert console.control.holder(monotonic_ns()) == ""
+
+    play(world.name, story)
+
+
+def test_control_is_taken_over_only_from_the_person_in_the_question(world: World) -> None:
+    async def story(console: Console) -> None:
+        (first, one), (second, two), (third, three) = console.page(), console.page(), console.page()
+        assert (await console.ask(first, one, "control", take=True, person="Ada"))["outcome"] == "done"
+        assert (await console.ask(second, two, "control", take=True, over=True, person="Bo"))["outcome"] == "done"
+        taken = {"take": True, "over": True, "person": "Cy", "from": "Ada"}
+        answer = await console.ask(third, three, "control", **taken)
+        assert answer["outcome"] == "refused" and "Bo has control now, not Ada" in answer["text"]
+        assert console.control.holder(monotonic_ns()) == second.name
+        assert (await console.ask(third, three, "control", **taken | {"from": "Bo"}))["outcome"] == "done"
+        assert console.all.person(console.control.holder(monotonic_ns())) == "Cy"
 
     play(world.name, story)
 

@@ -56,7 +56,7 @@ def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(page: BrowserPage
     page.take_control()
     page.find("[data-does=move]").click()
     page.until("document.getElementById('confirm').open")
-    assert re.search(r"yaw [\d.-]+ → 11.50 °\?", page.find("#confirm-text").text)
+    assert re.search(r"yaw [\d.-]+ → 11.50 °, \d+\.\d s\?", page.find("#confirm-text").text)
     page.answer_yes()
     page.until("Math.abs(trocar.value('PSM1/state.position')[0] - 11.5 * Math.PI / 180) < 1e-3")
     tip = page.value("PSM1/state.measured_cp")
@@ -95,6 +95,7 @@ def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
     page.typed(z, f"{turn:.2f}".replace(".", ","))
     page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
     assert page.value("PSM1/state.measured_cp") == pytest.approx(before, abs=1e-4), "a preview moves nothing"
+    page.js("document.querySelector('[data-does=move-tip]').scrollIntoView({block: 'center'})")
     page.find("[data-does=move-tip]").click()
     page.answer_yes()
     page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[0] * 1000 - {goal}) < 0.05")
@@ -283,7 +284,7 @@ def test_one_of_two_browsers_has_control_and_loses_it(page: BrowserPage) -> None
         assert other.js("return document.body.dataset.control") != "you"
         other.take_control()
         one.until("document.body.dataset.control === 'other'")
-        assert "another page took it" in one.find("#control-lost").text
+        assert "Tester took it" in one.find("#control-lost").text
         other.driver.get("about:blank")
         one.until("document.body.dataset.control === 'none'")
         one.take_control()

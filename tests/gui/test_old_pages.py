@@ -6,7 +6,7 @@ import asyncio
 import json
 
 from tests.conftest import World
-from tests.gui.test_browsers import OFF, Console, FakePage, executed, play
+from tests.gui.test_browsers import OFF, STOP, Console, FakePage, executed, play
 from trocar.procs.gui.control import KEPT
 from trocar.shm.mailbox.generations import FaultCell
 
@@ -46,7 +46,7 @@ def test_a_page_of_other_pages_than_these_takes_no_control_but_may_power_off_wha
         delivering = asyncio.ensure_future(browser.deliver())
         answer = await console.ask(browser, page, "control", take=True)
         assert answer["outcome"] == "refused" and "load it again" in answer["text"]
-        assert page.last("hello")["power_off"] == OFF
+        assert page.last("hello")["power_off"] == OFF and page.last("hello")["stop"] == STOP
         (((to, command, values, text),),) = OFF
         await console.ask(browser, page, "call", to=to, command=command, values=values, text=text)
         assert executed(console.robot) == ["state_command"]

@@ -52,6 +52,7 @@ def test_a_preview_says_what_is_beyond_a_limit_and_asks_the_arm_for_nothing(worl
         answer = await console.ask(browser, page, "preview", arm="PSM1", position=[0.0, 0.0, 0.0, 0.0, 2.0, 0.0])
         found = json.loads(answer["text"])
         assert found["beyond"] == [False] * 4 + [True, False] and len(found["frames"]) == 8 * 7
+        assert found["seconds"] > 0.5
         answer = await console.ask(browser, page, "preview", arm="PSM1", position=[0.0])
         assert answer["outcome"] == "refused" and "6 joints" in answer["text"]
         assert "no arm PSM7" in (await console.ask(browser, page, "preview", arm="PSM7", position=[]))["text"]

@@ -12,9 +12,10 @@ import pytest
 
 from tests.recorder.harness import RingsOfATest
 from trocar.procs.recorder.disk import Disk
-from trocar.procs.recorder.files import KeptFile, kept, path_of, too_old
+from trocar.procs.recorder.files import path_of, too_old
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
+from trocar.procs.recordings.folder import KeptFile, kept
 from trocar.procs.recordings.reading import open_recording
 
 

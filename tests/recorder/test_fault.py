@@ -15,10 +15,10 @@ import pytest
 from tests.conftest import World
 from tests.recorder.harness import RingsOfATest
 from trocar.procs.recorder import fault as fault_file
-from trocar.procs.recorder.files import kept
 from trocar.procs.recorder.sources import LocalTimes, RecordedRing
 from trocar.procs.recorder.watch import SeenFault
 from trocar.procs.recordings import names
+from trocar.procs.recordings.folder import kept
 from trocar.procs.recordings.reading import open_recording
 from trocar.shm.memory.segment import names_of, segment_name, unlink
 from trocar.shm.system import directory

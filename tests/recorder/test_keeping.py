@@ -14,10 +14,11 @@ import pytest
 from tests.recorder.harness import RingsOfATest
 from trocar.procs.recorder import fault, keeping
 from trocar.procs.recorder.fault import FaultRecording
-from trocar.procs.recorder.files import kept, path_of
+from trocar.procs.recorder.files import path_of
 from trocar.procs.recorder.keeping import ASKED, FaultKeeper
 from trocar.procs.recorder.watch import SeenFault
 from trocar.procs.recordings import names
+from trocar.procs.recordings.folder import kept
 from trocar.procs.recordings.reading import open_recording
 from trocar.shm.time.clock import monotonic_ns
 

@@ -31,6 +31,9 @@ class FakeArm:
         self._left_s, self.is_busy, self.is_done = self.takes_s, True, False
         return True
 
+    def hold(self) -> None:
+        self.words.append("hold")
+
     def pass_time(self, seconds: float) -> None:
         self._left_s -= seconds
         if self.is_busy and self._left_s <= 0.0:

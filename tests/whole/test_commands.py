@@ -87,6 +87,24 @@ def test_power_off_ends_homing() -> None:
     assert not [what for what, _ in stage.events.reported if what != "status"], "it was asked for: no error"
 
 
+@pytest.mark.parametrize("goal", ["power_on", "home"])
+def test_hold_ends_a_bring_up_and_nothing_more_is_sent_after_it(goal: str) -> None:
+    stage = CommandStage(FakeArm("PSM1"))
+    begun, held = stage.ask(goal), stage.ask("hold")
+    assert begun.answers[-1] == ("failed", "hold was requested") and held.outcome == "done"
+    assert stage.console.sent == [("teleop_enable", (0.0,))] and stage.arms[0].words == ["enable", "hold"]
+    for _ in range(3):
+        stage.arms[0].is_busy, stage.arms[0].state = False, "ENABLED"
+        stage.commands.execute([], 2)
+    assert stage.arms[0].words == ["enable", "hold"]
+
+
+def test_hold_does_not_end_a_power_off() -> None:
+    stage = CommandStage(FakeArm("PSM1", "ENABLED"))
+    off, _ = stage.ask("power_off"), stage.ask("hold")
+    assert off.outcome == "accepted" and stage.arms[0].words == ["disable", "hold"]
+
+
 def test_home_asked_again_while_arms_are_homed_ends_with_the_first_and_is_no_error() -> None:
     stage = CommandStage(FakeArm("PSM1", "ENABLED"))
     both = stage.ask("home"), stage.ask("home")

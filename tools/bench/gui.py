@@ -36,8 +36,10 @@ from trocar.tools.systems.cleanup import own_folder
 
 GUI: Final = "gui"
 OTHERS: Final = ("SUJ", "console", "system", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3", "MTML_MTMR_ECM")
-SYSTEM_PAGE: Final = (*(f"{name}/state" for name in (*ARMS, *OTHERS)), "messages")
-SCENE_PAGE: Final = ("scene",)
+STRIP: Final = ("strip", "alarms")
+"""Of every page."""
+SYSTEM_PAGE: Final = (*(f"{name}/state" for name in (*ARMS, *OTHERS)), "messages", *STRIP)
+SCENE_PAGE: Final = ("scene", *STRIP)
 SETTLE_S: Final = 2.0
 CHROMIUM: Final = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
                    "--enable-unsafe-swiftshader", "--disable-background-networking", "--no-first-run")

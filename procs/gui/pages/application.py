@@ -17,6 +17,7 @@ from starlette.websockets import WebSocket
 
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import BUTTONS, MESSAGES, PROCESSES, SCENE
+from trocar.procs.gui.fault_files import FAULT_FILES, FaultFiles
 from trocar.procs.gui.meshes import MeshFiles
 from trocar.procs.gui.packed import FOREVER, ONCE, Packed
 from trocar.procs.gui.pages.arm import arm_page
@@ -25,6 +26,7 @@ from trocar.procs.gui.pages.buttons import buttons_page
 from trocar.procs.gui.pages.console import console_page
 from trocar.procs.gui.pages.focus import focus_page
 from trocar.procs.gui.pages.frame import absent_page, page, pages_of
+from trocar.procs.gui.pages.operate import operate_page
 from trocar.procs.gui.pages.pid import pid_page
 from trocar.procs.gui.pages.plots import TOPICS, plots_page, topics_of
 from trocar.procs.gui.pages.processes import processes_page
@@ -42,8 +44,10 @@ MadePage = tuple[str, tuple[str, ...], Callable[[], None]]
 
 def pages_of_system(document: SystemConfig) -> list[MadePage]:
     """All there are."""
+    linked = {path for _, path in pages_of(document)}
     made: list[MadePage] = [
         ("/", (MESSAGES,), lambda: system_page(document)),
+        ("/operate", (SCENE,), lambda: operate_page(document, linked)),
         ("/3d", (SCENE,), lambda: scene_page(document)),
         ("/console", (), partial(console_page, document)),
         ("/teleop", (), lambda: teleop_page(document)),
@@ -53,7 +57,6 @@ def pages_of_system(document: SystemConfig) -> list[MadePage]:
         ("/plots", (), lambda: plots_page(document)),
         ("/processes", (PROCESSES,), processes_page),
     ]
-    linked = {path for _, path in pages_of(document)}
     made = [row for row in made if row[0] in linked]
     made += [(f"/arm/{arm.name}", (MESSAGES, SCENE), partial(arm_page, document, arm)) for arm in document.arms]
     robots = robots_of(document)
@@ -94,6 +97,8 @@ def application(document: SystemConfig, texts: dict[str, bytes], live: Callable[
     async def topics(_: Request) -> Response:
         return Response(orjson.dumps(topics_of(document.name)), media_type="application/json",
                         headers={"cache-control": ONCE})
+
+    routes.append(Route(f"{FAULT_FILES}/{{name}}", FaultFiles(document).answer))
 
     absent = Packed(texts[""], "text/html", ONCE, status=404)
 

@@ -33,7 +33,7 @@ def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
             _head(arm, state)
             _joints(state, slides)
             if arm.type == "PSM":
-                _jaw(state)
+                _jaw(arm.name, state)
             if arm.type == "MTM":
                 _gripper(state)
             _carried(arm, state)
@@ -105,7 +105,7 @@ def _joint(state: str, i: int, kind: str) -> None:
         Part("td", "quiet", data_unit=kind)
 
 
-def _jaw(state: str) -> None:
+def _jaw(arm: str, state: str) -> None:
     with_jaw = f"{state}.has_jaw"
     with box("card", data_source=state, data_show=with_jaw, data_valid=with_jaw), box("row"):
         Part("h2", "", "Jaw")
@@ -116,6 +116,7 @@ def _jaw(state: str) -> None:
         Part("span", "quiet", "effort")
         live(f"{state}.jaw_effort", "num:3")
         Part("span", "quiet", FORCE["r"])
+        Part("a", "", "Plot the effort", href=f"/plots#{arm}/state.jaw_effort,{arm}/state.jaw_setpoint_effort")
         box("spacer")
         Part("input", type="text", inputmode="decimal", id="jaw-goal", value="0", size="6", aria_label="Jaw goal",
              data_typed="r")

@@ -9,6 +9,7 @@ from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.element import Part
 from trocar.procs.gui.pages.parts import box, button, head, live, teleop_reason
+from trocar.procs.gui.pages.strip import teleop_calls
 
 PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
                  ("camera", "camera", "emulate_camera"))
@@ -16,7 +17,7 @@ PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), (
 RELEASED: Final = {"clutch": "Act as if the clutch were released? Slaves follow again.",
                    "camera": "Act as if the camera pedal were released? Masters may move to align."}
 """Confirmation before the command causes motion; an absent operator stops all."""
-SCALES: Final = (0.1, 0.2, 0.3, 0.5, 1.0)
+SCALES: Final = tuple(tenths / 10 for tenths in range(1, 11))
 
 
 def console_page(document: SystemConfig) -> None:
@@ -28,9 +29,9 @@ def console_page(document: SystemConfig) -> None:
 
 def teleop_buttons(name: str) -> None:
     """Start and stop the teleoperations of a console."""
-    button("Start teleoperation", [[(name, "teleop_enable", [1], "")]], id=f"start-{name}",
+    button("Start teleoperation", teleop_calls(name, 1), id=f"start-{name}",
            confirm="Start teleoperation? Masters move to align.")
-    button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet")
+    button("Stop", teleop_calls(name, 0), "quiet")
 
 
 def _console(console: Console, teleops: list[str]) -> None:

@@ -50,7 +50,7 @@ def columns(titles: Sequence[str]) -> None:
     """The head of a table."""
     with Part("thead"), Part("tr"):
         for title in titles:
-            Part("th", "", title)
+            Part("th" if title else "td", "", title)
 
 
 def choice(options: Iterable[tuple[str, str]], **attributes: Any) -> None:

@@ -13,8 +13,8 @@ COLUMNS: Final = ("process", "kind", "state", "Hz", "period p99 ms", "work p99 m
                   "problem, last ended, or scheduling")
 
 
-def processes_page() -> None:
-    """Its content."""
+def processes_card() -> None:
+    """A table of all processes."""
     script("processes.js")
     with box("card wide", data_source=PROCESSES):
         with box("row head"):
@@ -25,6 +25,11 @@ def processes_page() -> None:
         with box("scroll"), Part("table", "processes"):
             columns(COLUMNS)
             Part("tbody", id="processes")
+
+
+def processes_page() -> None:
+    """Its content."""
+    processes_card()
     with box("card wide", id="log-card", hidden=True):
         with head("h2", "", "Log", id="log-of"):
             Part("span", "quiet", "the newest 200 lines")

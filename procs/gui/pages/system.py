@@ -9,8 +9,8 @@ from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import MESSAGES, record
 from trocar.procs.gui.pages.console import PEDALS, teleop_buttons
 from trocar.procs.gui.pages.element import Part
-from trocar.procs.gui.pages.frame import moving, power_buttons
 from trocar.procs.gui.pages.parts import box, button, choice, head, live, reason, state_buttons, teleop_reason
+from trocar.procs.gui.pages.strip import moving, power_button
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
 """Sub-states that chip and light show too."""
@@ -28,7 +28,7 @@ def system_page(document: SystemConfig) -> None:
                     arm_card(arm)
                 for cart in document.carts:
                     cart_card(cart.name)
-            _messages(document)
+            messages_card(document)
         with Part("aside"):
             _first_steps(document)
             _power(document)
@@ -65,7 +65,7 @@ def cart_card(name: str) -> None:
 def _first_steps(document: SystemConfig) -> None:
     """First steps, completed ones in green; hidden once a slave follows, or when closed."""
     arms = [record(name) for name in moving(document)]
-    steps = [("Take control, top right", "first-control", []),
+    steps = [("Take control", "first-control", []),
              ("Power on all arms", "", [f"{arm}.state=ENABLED" for arm in arms]),
              ("Home them: they move", "", [f"{arm}.is_homed" for arm in arms])]
     psm = next((record(row.name) for row in document.arms if row.type == "PSM"), "")
@@ -93,7 +93,8 @@ def _power(document: SystemConfig) -> None:
     with box("card"):
         Part("h2", "", "All arms")
         with box("row buttons"):
-            power_buttons(document)
+            power_button(document, "power-on")
+            power_button(document, "home")
         if document.consoles:
             state = record("system")
             live(f"{state}.waiting", tag="p", classes="reason", data_show=f"{state}.waiting")
@@ -129,7 +130,8 @@ def teleop_row(name: str) -> None:
         teleop_reason(state)
 
 
-def _messages(document: SystemConfig) -> None:
+def messages_card(document: SystemConfig) -> None:
+    """Messages of all processes, by severity and process."""
     with box("card messages", data_source=MESSAGES):
         with head("h2", "", "Messages", has_age=False):
             choice((("status", "all"), ("warning", "warnings and errors"), ("error", "errors")), id="severity",

@@ -1,5 +1,5 @@
 // The page of an arm: jog while held, goals as people type them, a preview in 3D before anything moves.
-import { ask, asked, fixed, jogBegins, note, onTick, sourceAge, value } from "./live.js";
+import { ask, asked, denied, fixed, heldByKey, isPast, jogBegins, note, onTick, sourceAge, value } from "./live.js";
 import { inUnits, onUnits, perUnit, typed, unit, units } from "./units.js";
 
 const page = document.querySelector("[data-arm]");
@@ -19,6 +19,7 @@ const shownSpeed = () => {
 
 // Whether the value behind a flag of the record is measured now; if not, a note appears beside the button.
 export function isMeasured(flag, button) {
+  if (isPast()) return button && denied(button), false; // a past place is no goal of now
   const age = sourceAge(state);
   if (age !== null && age < 1 && value(`${state}.${flag}`)) return true;
   if (button) note(button, "bad", `Nothing is measured now: ${arm} has no power, sends no data, or does not know this value.`);
@@ -74,6 +75,7 @@ export async function previewed(wanted, says) {
   return found;
 }
 
+let lasts = ""; // duration of the previewed move, in words
 async function preview() {
   const wanted = goal();
   if (!wanted) {
@@ -86,6 +88,7 @@ async function preview() {
   if (!found) return false;
   found.beyond.forEach((beyond, i) => goals()[i]?.classList.toggle("wrong", beyond));
   const isBeyond = found.beyond.some(Boolean);
+  lasts = found.seconds === null ? "" : `, ${found.seconds.toFixed(1)} s`;
   if (isBeyond) says.textContent = "Beyond the limits of a joint: red.";
   return !isBeyond;
 }
@@ -105,7 +108,7 @@ page.addEventListener("click", async (event) => {
   else if (button.dataset.does === "read-jaw") readJaw(button);
   else if (button.dataset.does === "move") {
     if (!(await preview())) return note(button, "bad", goal() ? document.getElementById("preview-says").textContent : "A number is missing or invalid.");
-    button.dataset.confirm = `Move ${arm}: ${moves()}? The green shape shows it.`;
+    button.dataset.confirm = `Move ${arm}: ${moves()}${lasts}? The green shape shows it.`;
     if (await asked(button, [[[arm, "move_jp", goal(), ""]]])) stage()?.preview(null);
   } else if (button.dataset.does === "jaw") {
     const angle = typed(document.getElementById("jaw-goal").value);
@@ -118,10 +121,7 @@ page.addEventListener("click", async (event) => {
   }
 });
 
-page.addEventListener("pointerdown", (event) => {
-  const button = event.target.closest("button.jog");
-  if (!button || event.button) return;
-  event.preventDefault();
+function jogs(button) {
   const i = Number(button.dataset.joint);
   const sign = Number(button.dataset.sign);
   if (button.dataset.twist) {
@@ -139,7 +139,14 @@ page.addEventListener("pointerdown", (event) => {
     velocity[i] = sign * speed() * (slides(i) ? FULL.slides : FULL.turns);
     return { op: "call", to: arm, command: "servo_jv", values: velocity };
   });
+}
+page.addEventListener("pointerdown", (event) => {
+  const button = event.target.closest("button.jog");
+  if (!button || event.button) return;
+  event.preventDefault();
+  jogs(button);
 });
+heldByKey("button.jog", jogs);
 page.addEventListener("contextmenu", (event) => event.target.closest("button.jog") && event.preventDefault());
 
 let isRead = false;
@@ -151,6 +158,7 @@ onTick(() => {
     read();
     readJaw();
   }
+  if (isPast()) return;
   const tool = value(`${state}.tool`);
   const choice = document.getElementById("instrument") || document.getElementById("endoscope");
   if (!isChosen && tool && choice) {

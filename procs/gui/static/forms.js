@@ -1,5 +1,5 @@
 // Switches, which show whether something is on, and forms: inputs whose values go out with a command.
-import { asked, call, confirmed, hasControl, note, onTick, perform, send, value } from "./live.js";
+import { asked, call, confirmed, denied, hasControl, heldByKey, isPast, note, onTick, perform, pressed, send, value } from "./live.js";
 import { perUnit, typed, unit, units } from "./units.js";
 
 // The typed text as the number to send; null if it is not a number, or too large.
@@ -36,14 +36,17 @@ export function values(form, button) {
 
 async function flip(button) {
   const on = value(button.dataset.switch);
-  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
+  if (denied(button)) return;
   const question = on ? button.dataset.confirmOff : button.dataset.confirmOn;
-  if (question && !(await confirmed(question))) return;
-  perform(button, JSON.parse(on ? button.dataset.stepsOff : button.dataset.stepsOn));
+  const when = pressed();
+  if (question && !(await confirmed(question, button))) return;
+  if (on !== value(button.dataset.switch)) return flip(button); // the question was about the other way
+  if (!denied(button)) perform(button, JSON.parse(on ? button.dataset.stepsOff : button.dataset.stepsOn), when);
 }
 
 // The values at `data-now`, as they would be typed; unknown ones are left out.
 function read(form, button) {
+  if (isPast()) return void denied(button); // it would be taken for the present place
   const inputs = [...form.querySelectorAll("[data-now]")];
   if (inputs.some(({ dataset }) => dataset.valid && !value(dataset.valid))) return note(button, "bad", "Its position is not known now.");
   for (const input of inputs) {
@@ -67,7 +70,7 @@ function letGo() {
 
 function holdOn(button) {
   letGo();
-  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
+  if (denied(button)) return;
   const [to, command, found] = JSON.parse(button.dataset.hold);
   const every = +button.dataset.every || 0;
   const again = () => (hasControl() ? send(to, command, found) : letGo());
@@ -85,8 +88,9 @@ document.addEventListener("pointerdown", (event) => {
   const button = event.target.closest("button[data-hold]");
   if (button && !event.button) holdOn(button);
 });
+heldByKey("button[data-hold]", holdOn, letGo);
 document.addEventListener("contextmenu", (event) => event.target.closest("button[data-hold]") && event.preventDefault());
-for (const name of ["pointerup", "pointercancel", "visibilitychange", "pagehide"]) window.addEventListener(name, letGo, true);
+for (const name of ["pointerup", "pointercancel", "keyup", "focusout", "visibilitychange", "pagehide"]) window.addEventListener(name, letGo, true);
 window.addEventListener("blur", letGo); // of the window, not of the previously focused element
 
 document.addEventListener("click", (event) => {

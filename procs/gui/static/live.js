@@ -4,6 +4,7 @@ import { turns } from "./pose.js";
 import { inUnits, onUnits, turnUnits, unit, units } from "./units.js";
 
 const sources = {}; // newest data by source
+let past = null; // the data of another time, while the page shows that
 const heard = {}; // when each source last changed, ms
 let socket = null;
 const { run } = document.documentElement.dataset; // the name of the pages that this one is of
@@ -20,15 +21,32 @@ let number = 0;
 const waiting = new Map(); // commands without an end
 const listeners = []; // called after each tick
 
-export const data = (name) => sources[name];
+export const data = (name) => (past ?? sources)[name];
+export const present = (name) => sources[name];
 export const onTick = (listener) => listeners.push(listener);
-export const hasControl = () => you;
+export const isPast = () => past !== null;
+export const hasControl = () => you && !past; // what a person sees of the past is no ground to command something now
+const storeOf = (element) => (past && !element.closest("[data-present]") ? past : sources);
+
+// Why this page may command nothing but stops, beside the button; false: it may.
+export function denied(button) {
+  const why = past ? "This page shows the past: return to live first." : you ? "" : "Take control first: this page is read-only.";
+  if (why) note(button, "bad", why);
+  return Boolean(why);
+}
+
+// Show the data of another time, by source; null: the present.
+export function rewind(found) {
+  if (found && !past) window.dispatchEvent(new Event("blur")); // ends what is held
+  past = found;
+  shown();
+}
 
 // --- values
 
-export function value(path) {
+export function value(path, from = past ?? sources) {
   const dot = path.indexOf(".");
-  let found = sources[dot < 0 ? path : path.slice(0, dot)];
+  let found = from[dot < 0 ? path : path.slice(0, dot)];
   if (dot >= 0) for (const part of path.slice(dot + 1).split(".")) found = found?.[part];
   return found;
 }
@@ -59,9 +77,9 @@ function formatted(v, format) {
 }
 
 // `a.b.c`, `!a.b.c`, `a.b.c=WORD|WORD`, `a.b.c>3`, `a.b.c~part of a text`
-function holds(condition) {
+function holds(condition, from) {
   const match = /^(!?)([^=><~]+)(?:([=><~])(.*))?$/.exec(condition);
-  const v = value(match[2]);
+  const v = value(match[2], from);
   let result;
   if (match[3] === "=") result = match[4].split("|").includes(String(v));
   else if (match[3] === ">") result = v > +match[4];
@@ -73,9 +91,10 @@ function holds(condition) {
 
 const sourceOf = (path) => path.replace(/^!/, "").split(/[.=><]/)[0];
 
-export function sourceAge(name) {
-  const found = sources[name];
+export function sourceAge(name, from = past ?? sources) {
+  const found = from[name];
   if (!found || found.age === null || found.age === undefined) return null;
+  if (from === past) return found.age;
   return found.age + (performance.now() - (isConnected() ? Math.max(lastTick, 0) : heard[name] || 0)) / 1000;
 }
 
@@ -85,21 +104,28 @@ function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+function isOn(element, is) {
+  element.classList.toggle("on", is);
+  if (element.tagName === "BUTTON") element.setAttribute("aria-pressed", String(is));
+}
+
 export function render() {
   const connected = isConnected();
   for (const element of document.querySelectorAll("[data-live]")) {
     const known = element.closest("[data-valid]");
-    const isUnknown = known && (element.dataset.format || "text") !== "text" && !value(known.dataset.valid);
-    const v = isUnknown ? null : value(element.dataset.live);
+    const from = storeOf(element);
+    const isUnknown = known && (element.dataset.format || "text") !== "text" && !value(known.dataset.valid, from);
+    const v = isUnknown ? null : value(element.dataset.live, from);
     put(element, formatted(v, element.dataset.format));
     if (element.dataset.tone !== undefined) element.dataset.tone = v === undefined || v === null ? "" : String(v);
   }
-  for (const element of document.querySelectorAll("[data-show]")) element.hidden = !holds(element.dataset.show);
-  for (const element of document.querySelectorAll("[data-on]")) element.classList.toggle("on", holds(element.dataset.on));
+  for (const element of document.querySelectorAll("[data-show]")) element.hidden = !holds(element.dataset.show, storeOf(element));
+  for (const element of document.querySelectorAll("[data-on]")) isOn(element, holds(element.dataset.on, storeOf(element)));
   for (const element of document.querySelectorAll("[data-unit]")) put(element, unit(element.dataset.unit === "p"));
   for (const element of document.querySelectorAll("[data-source]")) {
-    const age = sourceAge(element.dataset.source);
-    const stale = !connected || age === null || age > STALE_S || Boolean(sources[element.dataset.source]?.gone);
+    const from = storeOf(element);
+    const age = sourceAge(element.dataset.source, from);
+    const stale = !connected || age === null || age > STALE_S || Boolean(from[element.dataset.source]?.gone);
     element.classList.toggle("stale", stale);
     const label = element.querySelector(":scope .age");
     if (label) put(label, !stale ? "" : age === null ? "no data" : `${age < 10 ? age.toFixed(1) : age.toFixed(0)} s old`);
@@ -108,19 +134,20 @@ export function render() {
 
 // --- connection
 
-const isConnected = () => socket?.readyState === 1 && performance.now() - lastTick < 1500;
+export const isConnected = () => socket?.readyState === 1 && performance.now() - lastTick < 1500;
 
-function wants() {
+export function wants(ofPast = false) {
   if (document.hidden) return [];
-  const found = new Set([...document.querySelectorAll("[data-wants]")].flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
+  const isShown = (part) => !part.closest(`[data-panel][hidden]${ofPast ? ", [data-present]" : ""}`); // a closed panel costs nothing
+  const found = new Set([...document.querySelectorAll("[data-wants]")].filter(isShown).flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
   for (const name of ["live", "show", "on", "source", "valid"])
-    for (const element of document.querySelectorAll(`[data-${name}]`)) found.add(name === "source" ? element.dataset.source : sourceOf(element.dataset[name]));
+    for (const element of document.querySelectorAll(`[data-${name}]`)) if (isShown(element)) found.add(name === "source" ? element.dataset.source : sourceOf(element.dataset[name]));
   // A page without data is at least informed that it is connected, and which page has control.
   return found.size ? [...found].sort() : ["messages"];
 }
 
 let wanted = "";
-function want() {
+export function want() {
   const list = wants();
   if (socket?.readyState !== 1 || wanted === list.join(" ")) return;
   wanted = list.join(" ");
@@ -128,8 +155,12 @@ function want() {
 }
 
 // A request carries the newest tick that the page has received, which tells the server its maximum age.
-const WISHES = ["beat", "jog", "call"];
-export const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(WISHES.includes(message.op) ? { ...message, tick } : message));
+// While it shows the past, that is none: the server refuses all commands but those that stop something.
+const DATED = { beat: () => tick, jog: () => (past ? 0 : tick), call: () => (past ? 0 : tick) };
+export const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(DATED[message.op] ? { ...message, tick: DATED[message.op]() } : message));
+
+let offset = null; // from this page's clock to the system's time of day, ms
+export const now = () => (offset === null ? null : performance.now() + offset);
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live?run=${run}`);
@@ -180,8 +211,9 @@ function outdated() {
 function heed(message) {
   if (message.op === "hello") {
     lastTick = performance.now();
+    offset = message.now - lastTick;
     if (run !== message.run) outdated();
-    document.getElementById("power-off").dataset.steps = JSON.stringify(message.power_off); // also on an outdated page
+    for (const [id, steps] of [["power-off", message.power_off], ["stop", message.stop]]) document.getElementById(id).dataset.steps = JSON.stringify(steps); // also on an outdated page
     // A person who changes pages in one tab keeps control, unless another page has taken it meanwhile.
     const before = Number((run === message.run && sessionStorage.getItem("control")) || 0);
     sessionStorage.removeItem("control");
@@ -199,14 +231,23 @@ function heed(message) {
     }
     const isMissed = expected && lastTick > expected;
     if (message.you) lost = "";
-    else if (isMissed || (you && !isGiven)) lost = message.control ? "another page took it" : "this page was silent for too long";
+    else if (isMissed || (you && !isGiven)) lost = message.control ? `${message.control} took it` : "this page was silent for too long";
     if (message.you || isMissed) expected = 0;
-    if (expected && !message.control) say({ op: "control", take: true }); // the page before was still there
+    if (expected && !message.control) say({ op: "control", take: true, person: person() }); // the page before was still there
     isGiven &&= message.you;
     you = message.you;
     holder = message.control;
     shown();
-    for (const listener of listeners) listener();
+    for (const listener of listeners) {
+      try {
+        listener();
+      } catch (error) {
+        console.error(error); // of one view; the others, and the strip, continue
+      }
+    }
+  } else if (message.op === "past") {
+    waiting.get(message.id)?.("done", message);
+    waiting.delete(message.id);
   } else if (message.op === "reply") {
     const call = waiting.get(message.id);
     if (call) {
@@ -216,20 +257,40 @@ function heed(message) {
   }
 }
 
+// Actions of a page without control: disabled, but they explain why when they are pressed.
+const commands = document.getElementsByClassName("commands");
+let marked = "";
+function mark() {
+  const key = `${hasControl()} ${commands.length}`;
+  if (key === marked) return;
+  marked = key;
+  for (const button of commands) hasControl() ? button.removeAttribute("aria-disabled") : button.setAttribute("aria-disabled", "true");
+}
+
+// Nothing can be sent: a red bar, and buttons that look so.
+function offline() {
+  const silent_s = Math.floor((performance.now() - lastTick) / 1000);
+  const isOff = !isConnected() && silent_s >= 2;
+  const why = refused ? `${refused}. ` : "";
+  const rest = "Power off cannot be sent: use the emergency stop.";
+  document.getElementById("offline").hidden = !isOff;
+  put(document.querySelector("#offline .lost"), isOff ? `${why || "No connection. "}${rest}` : "");
+  put(document.querySelector("#offline .since"), `${why || `No connection for ${silent_s} s. `}${rest}`);
+}
+
 function shown() {
   document.body.dataset.connection = isConnected() ? "live" : "lost";
-  const status = document.querySelector(".bar .lost");
-  if (status) put(status, refused || "not connected");
+  offline();
+  mark();
   const without = document.getElementById("control-lost");
   put(without, lost && `Control lost: ${lost} ×`);
   without.hidden = !lost;
   document.body.dataset.control = you ? "you" : holder ? "other" : "none";
   const button = document.getElementById("control");
   if (localStorage.getItem("first-steps") === "closed") document.getElementById("first-steps")?.remove();
-  if (button) {
-    put(button, you ? "You have control" : holder ? "Take over control" : "Take control");
-    button.title = you ? "Give control back" : holder ? `${holder} has control` : "This page is read-only until then";
-  }
+  put(button, you ? "Give back" : holder ? "Take over" : "Take control");
+  button.title = you ? "Give control back" : holder ? `${holder} has control` : "This page is read-only until then";
+  put(document.getElementById("holder"), !isConnected() ? "Control: unknown" : you ? `Control: you, ${holder}` : holder ? `Control: ${holder}` : "Control: free");
   render();
 }
 
@@ -271,11 +332,20 @@ export function note(element, kind, text) {
 
 // A dialog covers the page but for its bar: Power off stays in reach, which a modal one would shut away.
 let left = null; // the element that had the focus before
-function opens(dialog) {
+function opens(dialog, at = null) {
   noted?.remove(); // a refusal from before would be read as an answer to the question
   left ??= document.activeElement;
   document.querySelector("main.content").inert = true;
   if (!dialog.open) dialog.show();
+  dialog.style.inset = dialog.style.margin = ""; // in the middle, or beside the button that asks
+  const box = at?.getClientRects()[0];
+  if (!box) return;
+  const { width, height } = dialog.getBoundingClientRect();
+  const under = box.bottom + height + 12 < innerHeight;
+  const strip = document.querySelector(".strip").getBoundingClientRect().bottom;
+  const top = Math.max(strip + 6, under ? box.bottom + 6 : box.top - height - 6);
+  dialog.style.margin = 0;
+  dialog.style.inset = `${top}px auto auto ${Math.max(8, Math.min(innerWidth - width - 8, box.left))}px`;
 }
 document.addEventListener("close", () => {
   const isOpen = document.querySelector("dialog[open]") !== null;
@@ -290,19 +360,19 @@ document.addEventListener("keydown", (event) => {
   const dialog = document.querySelector("dialog[open]");
   if (event.key !== "Tab" || !dialog) return;
   event.preventDefault();
-  const round = [...dialog.querySelectorAll("button"), document.getElementById("power-off")];
+  const round = [...dialog.querySelectorAll("input, button"), document.getElementById("stop"), document.getElementById("power-off")];
   const next = round.indexOf(document.activeElement) + (event.shiftKey ? -1 : 1);
   round.at(next % round.length).focus();
 });
 
 // One question at a time: a new one answers the one before with no.
 let pending = null;
-export function confirmed(text) {
+export function confirmed(text, at) {
   pending?.(false);
   const dialog = document.getElementById("confirm");
   document.getElementById("confirm-text").textContent = text;
   dialog.returnValue = "";
-  opens(dialog);
+  opens(dialog, at);
   return new Promise((resolve) => (pending = resolve));
 }
 document.addEventListener("close", ({ target }) => {
@@ -315,9 +385,10 @@ const GOOD = ["done", "accepted"];
 
 let stops = 0; // how often something that stops was pressed: that ends every sequence of steps
 
-export async function perform(button, steps) {
+export const pressed = () => [tick, stops]; // when something is pressed: what comes after it, also while a question is open, ends it
+
+export async function perform(button, steps, [since, before] = pressed()) {
   button.dataset.outcome = "waiting";
-  const [since, before] = [tick, stops]; // a fault after the press ends the sequence, too
   for (const step of steps) {
     if (stops !== before) {
       button.dataset.outcome = "ended";
@@ -339,12 +410,14 @@ export async function perform(button, steps) {
 }
 
 export async function asked(button, steps, free) {
-  if (!you && !free) {
-    note(button, "bad", "Take control first: this page is read-only.");
-    return false;
-  }
-  if (button.dataset.confirm && !(await confirmed(button.dataset.confirm))) return false;
-  return perform(button, steps);
+  let when, text;
+  do {
+    if (!free && denied(button)) return false;
+    [when, text] = [pressed(), button.dataset.confirm];
+    if (text && !(await confirmed(text, button))) return false;
+  } while (text !== button.dataset.confirm); // the state has changed while it was open: a yes is to what was asked
+  if (!free && denied(button)) return false;
+  return perform(button, button.dataset.steps ? JSON.parse(button.dataset.steps) : steps, when); // those of the words that were shown
 }
 
 async function reloads() {
@@ -355,8 +428,27 @@ async function control(button) {
   lost = "";
   if (you) isGiven = say({ op: "control", take: false }) !== false;
   else if (isOutdated) note(button, "bad", "This page is outdated: load the new one first.");
-  else if (!holder || (await confirmed(`${holder} has control. Take it over?`)))
-    say({ op: "control", take: true, over: Boolean(holder) });
+  else if (person() || (await named(button))) {
+    const from = holder; // the one in the question: from another one, the server refuses
+    if (from && !(await confirmed(`${from} has control. Take it over?`, button))) return;
+    const [outcome, text] = await ask({ op: "control", take: true, over: Boolean(from), from, person: person() });
+    if (outcome === "refused") note(button, "bad", text);
+  }
+}
+
+// The name of the person at this browser, which other pages show: asked once, kept in the browser.
+const person = () => localStorage.getItem("person") || "";
+function named(at) {
+  const dialog = document.getElementById("person");
+  const input = document.getElementById("person-name");
+  input.value = person();
+  dialog.returnValue = "";
+  opens(dialog, at);
+  input.focus();
+  return new Promise((resolve) => dialog.addEventListener("close", () => {
+    if (dialog.returnValue === "yes") localStorage.setItem("person", input.value.trim().slice(0, input.maxLength));
+    resolve(dialog.returnValue === "yes" && person());
+  }, { once: true }));
 }
 
 document.addEventListener("click", (event) => {
@@ -369,6 +461,8 @@ document.addEventListener("click", (event) => {
     if (button.dataset.free !== undefined) stops += 1;
     asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
   } else if (button.dataset.view) document.querySelector(".stage").stage.look(button.dataset.view);
+  else if (button.dataset.does === "close") button.closest("dialog").close("");
+  else if (button.dataset.does === "person") document.querySelector("dialog[open]")?.close(""), named();
   else if (button.dataset.opens) opens(document.getElementById(button.dataset.opens));
   else if (button.dataset.does === "dismiss") {
     localStorage.setItem("first-steps", "closed");
@@ -376,6 +470,33 @@ document.addEventListener("click", (event) => {
   } else if (button.dataset.does === "units") turnUnits();
   else if (button.dataset.does === "theme") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
 });
+
+// A button that works while it is held works with the space bar, too: its first press counts, not its repetitions. Its release
+// may be lost: it ends as well when repetitions end, and with any other key.
+const SILENT_MS = 500;
+export function heldByKey(css, begins, ends = jogEnds) {
+  let repeated = 0; // when the newest repetition came; 0: none yet
+  let isHeld = false;
+  const release = () => {
+    if (isHeld) ends();
+    isHeld = false;
+    repeated = 0;
+  };
+  document.addEventListener("keydown", (event) => {
+    const button = event.key === " " && event.target.closest?.(css);
+    if (!button) return release();
+    event.preventDefault();
+    if (event.repeat) {
+      if (isHeld) repeated = performance.now();
+      return;
+    }
+    release();
+    isHeld = true;
+    begins(button);
+  }, true);
+  document.addEventListener("keyup", release, true);
+  setInterval(() => repeated && performance.now() - repeated > SILENT_MS && release(), 100);
+}
 
 // A held jog: sent every 50 ms while pressed; the arm ends it by itself 0.1 s after the last message.
 let jog = null; // { button, timer, isOver }
@@ -387,7 +508,7 @@ function jogEnds() {
 }
 export function jogBegins(button, make) {
   jogEnds();
-  if (!you) return note(button, "bad", "Take control first: this page is read-only.");
+  if (denied(button)) return;
   const mine = { button, isOver: false };
   // Each has its answer: a refusal, for example by a fault, is shown at the button, and ends the jog.
   const heardOf = (outcome, text) => {
@@ -398,7 +519,7 @@ export function jogBegins(button, make) {
   };
   const push = () => {
     const found = make();
-    if (!found || !you || document.hidden) jogEnds();
+    if (!found || !hasControl() || document.hidden) jogEnds();
     else if (!isConnected()) heardOf("lost", "not connected");
     else ask(found, heardOf);
   };
@@ -407,7 +528,7 @@ export function jogBegins(button, make) {
   mine.timer = setInterval(push, 50);
   push();
 }
-for (const name of ["pointerup", "pointercancel", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
+for (const name of ["pointerup", "pointercancel", "keyup", "focusout", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
 window.addEventListener("blur", jogEnds); // of the window: the element focused before the button loses its focus, too
 document.addEventListener("visibilitychange", () => (jogEnds(), want()));
 
@@ -417,11 +538,12 @@ window.addEventListener("pagehide", () => you && sessionStorage.setItem("control
 
 // --- keys, theme
 
-const KEYS = { o: "power-off", p: "power-on", h: "home" };
+const KEYS = { o: "power-off", s: "stop", p: "power-on", h: "home", t: "start-teleop" };
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey && !event.altKey && KEYS[event.key.toLowerCase()]) {
+  const key = event.key.toLowerCase();
+  if ((event.ctrlKey !== event.altKey) && (event.ctrlKey || key === "t") && KEYS[key]) {
     event.preventDefault();
-    document.getElementById(KEYS[event.key.toLowerCase()])?.click();
+    if (!event.repeat) document.getElementById(KEYS[key])?.click();
   } else if (event.key === "?" && !/INPUT|TEXTAREA|SELECT/.test(document.activeElement?.tagName || ""))
     opens(document.getElementById("help"));
   else if (event.key === "Escape") document.querySelector("dialog[open]")?.close("");
@@ -440,13 +562,13 @@ export const cell = (tag, text, className = "") => Object.assign(document.create
 let listed = "";
 function messages() {
   const list = document.getElementById("messages");
-  const rows = sources.messages?.rows;
+  const rows = data("messages")?.rows;
   if (!list || !rows) return;
   const least = document.getElementById("severity")?.value || "status";
   const from = document.getElementById("from")?.value || "";
   const levels = ["status", "warning", "error"];
   const chosen = rows.filter((row) => levels.indexOf(row.severity) >= levels.indexOf(least) && (!from || row.from === from));
-  const key = `${least} ${from} ${chosen.length} ${chosen.at(-1)?.order}`;
+  const key = `${least} ${from} ${chosen.length} ${chosen[0]?.order} ${chosen.at(-1)?.order}`;
   if (key === listed && list.childElementCount) return;
   listed = key;
   const atEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 20;
@@ -466,7 +588,7 @@ function messages() {
 
 // The remedy of an arm in FAULT: the hint of its last error.
 function remedies() {
-  const found = sources.messages?.remedies || {};
+  const found = data("messages")?.remedies || {};
   for (const element of document.querySelectorAll("[data-remedy]")) put(element, found[element.dataset.remedy] || "");
 }
 
@@ -477,10 +599,10 @@ document.addEventListener("change", messages);
 
 export function start() {
   theme(localStorage.getItem("theme") || (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"));
-  document.getElementById("power-off").disabled = false;
+  for (const name of ["stop", "power-off"]) document.getElementById(name).disabled = false;
   connect();
   setInterval(() => say({ op: "beat" }), 500);
   setInterval(() => (want(), shown()), 250);
 }
-window.trocar = { value, data, hasControl, call, say, isConnected, onTick, note };
+window.trocar = { value, data, present, rewind, hasControl, call, say, isConnected, onTick, note };
 start();

@@ -1,5 +1,6 @@
 // The page PID: gains that are edited and applied, the plot of one joint, and a step to try them.
-import { confirmed, data, hasControl, note, onTick, perform, sourceAge, value } from "./live.js";
+import { confirmed, data, denied, hasControl, isPast, note, onTick, perform, pressed, sourceAge, value } from "./live.js";
+import { marksIn, pastView } from "./timeline.js";
 import { Trace } from "./trace.js";
 import { perUnit, typed, unit } from "./units.js";
 
@@ -75,13 +76,15 @@ function discard() {
 
 async function apply(button) {
   const found = changed();
-  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
+  if (denied(button)) return;
   if (!found.length) return note(button, "bad", "Nothing was changed.");
   const wrong = found.find((input) => wanted(input) === null);
   if (wrong) return note(button, "bad", wrong.title);
   const words = found.map((input) => `${input.dataset.gain} of ${axisName(input)}: ${shownAs(Number(inUse(input)))} → ${shownAs(wanted(input))}`);
   const on = value(`${page.querySelector("[data-switch]").dataset.switch}`);
-  if (!(await confirmed(`${on ? "The joint controller is on: the arm may move.\n" : ""}${words.join("\n")}`))) return;
+  const when = pressed();
+  if (!(await confirmed(`${on ? "The joint controller is on: the arm may move.\n" : ""}${words.join("\n")}`)) || denied(button)) return;
+  if (on !== value(page.querySelector("[data-switch]").dataset.switch)) return apply(button); // the question was about the other case
   const steps = [];
   for (const input of found) {
     const { gain, axis } = input.dataset;
@@ -92,7 +95,7 @@ async function apply(button) {
       last[3] = `${last[3]} ${gain}`;
     } else steps.push([[io, "set_gains", [+axis, wanted(input)], `${robot} @gui ${gain}`]]);
   }
-  if (await perform(button, steps)) discard();
+  if (await perform(button, steps, when)) discard();
 }
 
 for (const input of inputs)
@@ -125,6 +128,7 @@ at("save").addEventListener("click", async (event) => {
 // --- plot
 
 const trace = new Trace(at("trace"));
+const before = new Trace(at("trace"), 0.5); // of the past
 let taken = null;
 let paused = false;
 let first = 0;
@@ -152,14 +156,23 @@ function draw() {
 
 function paint() {
   const chosen = [...page.querySelectorAll(".legend input:checked")].map((box) => +box.value);
-  trace.draw(chosen, +at("span").value, perUnit(slides()), unit(slides()), slides() ? "N" : "N·m");
+  const view = pastView();
+  const marks = view ? marksIn(view.from, view.to, true).map(({ t, kind }) => [t - view.from, kind]) : marksIn(first, Infinity, false).map(({ t, kind }) => [t - first, kind]);
+  if (view) marks.push([view.at - view.from, "now"]);
+  (view ? before : trace).draw(chosen, +at("span").value, perUnit(slides()), unit(slides()), slides() ? "N" : "N·m", marks);
 }
 
 function take() {
   const found = data(`${traces}${at("axis").value}`);
-  if (!found?.t || found === taken) return;
+  if (found === taken) return;
   taken = found;
-  if (paused) return;
+  const view = pastView();
+  if (view) {
+    before.clear();
+    if (found?.t) before.add(found.t.map((t) => t - view.from), found.v);
+    return draw();
+  }
+  if (!found?.t || paused) return;
   first ||= found.t[0];
   trace.add(found.t.map((t) => t - first), found.v);
 }
@@ -182,17 +195,18 @@ async function step(button) {
   const word = slides() ? "mm" : "°";
   const axis = +at("axis").value;
   const joints = value(`${arm}/state.count`);
-  if (!hasControl()) return note(button, "bad", "Take control first: this page is read-only.");
+  if (denied(button)) return;
   if (size === null || !size || Math.abs(size) > most) return note(button, "bad", `A step of up to ${most} ${word}, not 0, is needed.`);
   if (time === null || time < 0.1 || time > 5) return note(button, "bad", "A time from 0.1 to 5 s is needed.");
   if (!(axis < joints)) return note(button, "bad", `${arm} has no joint of that number now.`);
-  if (!(await confirmed(`${arm}, ${at("axis").selectedOptions[0].textContent} jumps by ${size} ${word}, and back after ${time} s. Continue?`))) return;
+  const when = pressed();
+  if (!(await confirmed(`${arm}, ${at("axis").selectedOptions[0].textContent} jumps by ${size} ${word}, and back after ${time} s. Continue?`)) || denied(button)) return;
   const change = slides() ? size / 1000 : (size * Math.PI) / 180;
   const by = (v) => [[arm, "servo_jr", Array.from({ length: joints }, (_, i) => (i === axis ? v : 0)), ""]];
   pause(false);
   const begun = performance.now();
   isStopped = false;
-  if (!(await perform(button, [by(change)]))) return;
+  if (!(await perform(button, [by(change)], when))) return;
   const there = await stepped();
   await sleep(time * 1000 - (performance.now() - begun));
   const why = meanwhile(there);
@@ -235,6 +249,7 @@ at("step").addEventListener("click", (event) => step(event.currentTarget));
 
 choose();
 let isRecalled = false;
+let wasPast = false;
 onTick(() => {
   if (!isRecalled && data(gains)) {
     isRecalled = true;
@@ -242,7 +257,8 @@ onTick(() => {
   }
   follow();
   take();
-  if (!paused) draw();
+  if (!paused || isPast() !== wasPast) draw();
+  wasPast = isPast();
   const word = slides() ? "mm" : "°";
   if (at("step-unit").textContent !== word) at("step-unit").textContent = word;
 });

@@ -1,5 +1,7 @@
 // Plots of any numbers: lanes by unit, the newest seconds at full rate; paused, they can be zoomed and saved.
-import { data, keeps, note, onTick } from "./live.js";
+import { data, isPast, keeps, note, onTick } from "./live.js";
+import { marksIn, pastView } from "./timeline.js";
+import { MARKS } from "./trace.js";
 
 const page = document.querySelector(".plots");
 const topics = await (await fetch(page.dataset.topics)).json();
@@ -10,8 +12,9 @@ const pick = (name) => document.getElementById(`plot-${name}`);
 const COLOURS = ["#4f9cf0", "#e8833a", "#3fbf8f", "#d65db1", "#b98cf0", "#c9b23a", "#5cc6d0", "#e5484d"];
 const KEY = document.title; // with the name of the system
 const KEPT_S = 60;
-let signals = []; // { name, unit, t, v, seen, isCut }
+let signals = []; // { name, unit, t, v, seen, isCut, past }
 let isPaused = false;
+let wasPast = false;
 let end = 0;
 let zoom = null; // [from, to] while paused
 let cursor = null;
@@ -53,8 +56,18 @@ function add(name) {
   return true;
 }
 
+const EMPTY = { t: [], v: [] };
+const line = (signal) => (isPast() ? (signal.past?.t ? signal.past : EMPTY) : signal);
+
 function take() {
-  let isDue = !isPaused;
+  let isDue = !isPaused || wasPast !== isPast();
+  wasPast = isPast();
+  if (wasPast) {
+    const fresh = signals.filter((signal) => signal.past !== data(`plot:${signal.name}`));
+    for (const signal of fresh) signal.past = data(`plot:${signal.name}`);
+    if (fresh.length || isDue) draw();
+    return;
+  }
   for (const signal of signals) {
     const found = data(`plot:${signal.name}`);
     if (!found?.t || found === signal.seen) continue;
@@ -86,13 +99,31 @@ function take() {
   if (isDue) draw();
 }
 
-const range = () => zoom || [end - Number(pick("span").value), end];
+const range = () => (pastView() ? [pastView().from, pastView().to] : zoom || [end - Number(pick("span").value), end]);
 const LEFT = 78; // room for -0.000010
 const timeAt = (x) => range()[0] + ((x - LEFT) / (canvas.clientWidth - LEFT)) * (range()[1] - range()[0]);
 function first(list, t) {
   let [low, high] = [0, list.length];
   while (low < high) (list[(low + high) >> 1] < t ? (low = ((low + high) >> 1) + 1) : (high = (low + high) >> 1));
   return low;
+}
+
+// Faults, errors and warnings, as lines with words where there is room; in the past also the time that the page shows.
+function events(paint, colour, at, width, height) {
+  const [from, to] = range();
+  const view = pastView();
+  let free = LEFT;
+  paint.textAlign = "left";
+  for (const { t, kind, text } of [...marksIn(from, to, Boolean(view)), ...(view ? [{ t: view.at, kind: "now", text: "shown" }] : [])]) {
+    const x = Math.max(LEFT, Math.round(at(t)));
+    paint.fillStyle = colour(MARKS[kind]);
+    paint.fillRect(x, 18, kind === "now" ? 2 : 1, height - 36);
+    if (x < free || kind === "now") continue;
+    const words = text.length > 60 ? `${text.slice(0, 58)}…` : text;
+    free = x + paint.measureText(words).width + 12;
+    paint.textAlign = free > width ? "right" : "left";
+    paint.fillText(words, free > width ? x - 4 : x + 4, height - 4);
+  }
 }
 
 function draw() {
@@ -109,14 +140,16 @@ function draw() {
   paint.font = "12px system-ui, sans-serif";
   const [from, to] = range();
   const at = (t) => LEFT + ((t - from) / (to - from)) * (width - LEFT);
+  events(paint, colour, at, width, height);
   const units = [...new Set(signals.map((signal) => signal.unit))];
   const tall = (height - 18) / Math.max(1, units.length);
   units.forEach((unit, lane) => {
     const lines = signals.map((signal, i) => [signal, i]).filter(([signal]) => signal.unit === unit);
     let [low, high] = [Infinity, -Infinity];
-    for (const [signal] of lines)
-      for (let i = first(signal.t, from); i < signal.t.length && signal.t[i] <= to; i++)
-        if (signal.v[i] !== null) [low, high] = [Math.min(low, signal.v[i]), Math.max(high, signal.v[i])];
+    for (const [signal] of lines) {
+      const { t, v } = line(signal);
+      for (let i = first(t, from); i < t.length && t[i] <= to; i++) if (v[i] !== null) [low, high] = [Math.min(low, v[i]), Math.max(high, v[i])];
+    }
     const [top, bottom] = [lane * tall + 18, (lane + 1) * tall - 4];
     paint.fillStyle = colour("--soft");
     paint.textAlign = "left";
@@ -134,23 +167,24 @@ function draw() {
     paint.fillText(shown(low), LEFT - 5, bottom);
     const y = (v) => bottom - 3 - ((v - low) / (high - low)) * (bottom - top - 6);
     for (const [signal, i] of lines) {
+      const { t: times, v: values } = line(signal);
       paint.strokeStyle = COLOURS[i % COLOURS.length];
       paint.lineWidth = 1.5;
       paint.beginPath();
       let [column, min, max, before] = [-1, 0, 0, null];
       // Several samples a pixel: a stroke from their least to their greatest.
-      for (let k = Math.max(0, first(signal.t, from) - 1); k < signal.t.length && signal.t[k] <= to; k++) {
-        const v = signal.v[k];
+      for (let k = Math.max(0, first(times, from) - 1); k < times.length && times[k] <= to; k++) {
+        const v = values[k];
         if (v === null) { before = null; continue; }
-        const x = Math.round(at(signal.t[k]));
+        const x = Math.round(at(times[k]));
         if (x < LEFT) { before = null; continue; }
-        if (before === null || signal.t[k] - before > 0.5) (paint.moveTo(x, y(v)), ([min, max] = [v, v]));
+        if (before === null || times[k] - before > 0.5) (paint.moveTo(x, y(v)), ([min, max] = [v, v]));
         else if (x !== column) {
-          if (column >= LEFT && max > min) (paint.moveTo(column, y(min)), paint.lineTo(column, y(max)), paint.moveTo(column, y(signal.v[k - 1] ?? v)));
+          if (column >= LEFT && max > min) (paint.moveTo(column, y(min)), paint.lineTo(column, y(max)), paint.moveTo(column, y(values[k - 1] ?? v)));
           paint.lineTo(x, y(v));
           [min, max] = [v, v];
         } else [min, max] = [Math.min(min, v), Math.max(max, v)];
-        [column, before] = [x, signal.t[k]];
+        [column, before] = [x, times[k]];
       }
       paint.stroke();
     }
@@ -173,8 +207,9 @@ function draw() {
     paint.fillText(`${(timeAt(cursor) - to).toFixed(3)} s`, width - 6, height - 4);
   }
   for (const signal of signals) {
-    const k = cursor !== null && cursor > LEFT ? Math.min(first(signal.t, timeAt(cursor)), signal.t.length - 1) : signal.t.length - 1;
-    const v = signal.v[k];
+    const { t, v: values } = line(signal);
+    const there = cursor !== null && cursor > LEFT ? timeAt(cursor) : pastView()?.at ?? Infinity;
+    const v = values[Math.min(first(t, there), t.length - 1)];
     const text = typeof v === "number" ? v.toPrecision(5) : "–";
     if (signal.shown && signal.shown.textContent !== text) signal.shown.textContent = text;
   }
@@ -186,10 +221,10 @@ function save(name, url) {
 
 function csv() {
   const [from, to] = range();
-  const times = [...new Set(signals.flatMap((signal) => signal.t.slice(first(signal.t, from), first(signal.t, to + 1e-9))))].sort((a, b) => a - b);
-  const maps = signals.map((signal) => new Map(signal.t.map((t, i) => [t, signal.v[i]])));
+  const times = [...new Set(signals.flatMap((signal) => line(signal).t.slice(first(line(signal).t, from), first(line(signal).t, to + 1e-9))))].sort((a, b) => a - b);
+  const maps = signals.map((signal) => new Map(line(signal).t.map((t, i) => [t, line(signal).v[i]])));
   const quoted = (text) => (/[",]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
-  const head = ["stamp_s", ...signals.map((signal) => quoted(`${signal.name} ${signal.unit}`.trim()))].join(",");
+  const head = [isPast() ? "time_of_day_s" : "stamp_s", ...signals.map((signal) => quoted(`${signal.name} ${signal.unit}`.trim()))].join(",");
   return [head, ...times.map((t) => [t, ...maps.map((map) => map.get(t) ?? "")].join(","))].join("\n");
 }
 
@@ -222,7 +257,7 @@ canvas.addEventListener("pointermove", (event) => {
   draw();
 });
 canvas.addEventListener("pointerleave", () => ((cursor = null), draw()));
-canvas.addEventListener("pointerdown", (event) => isPaused && (drag = [x(event), x(event)]));
+canvas.addEventListener("pointerdown", (event) => isPaused && !isPast() && (drag = [x(event), x(event)]));
 window.addEventListener("pointerup", () => {
   if (drag && Math.abs(drag[1] - drag[0]) > 8) zoom = [Math.min(...drag), Math.max(...drag)].map(timeAt);
   drag = null;

@@ -1,5 +1,5 @@
 // The page Processes: a row for each, and the log of the one that is chosen.
-import { cell, data, onTick } from "./live.js";
+import { cell, data, isPast, onTick } from "./live.js";
 
 const shownOr = (v, digits) => (typeof v === "number" && v > 0 ? v.toFixed(digits) : "–");
 let chosen = location.hash.slice(1);
@@ -32,7 +32,8 @@ let listed = "";
 function processes() {
   const rows = data("processes")?.rows;
   const body = document.getElementById("processes");
-  const key = JSON.stringify(rows) + chosen;
+  const key = rows && JSON.stringify(rows) + chosen;
+  if (body && isPast()) body.replaceChildren(); // no recording has it
   if (!body || !rows || key === listed) return;
   listed = key;
   for (const row of rows) line(body, row);
@@ -41,6 +42,7 @@ function processes() {
 const at = (id) => document.getElementById(id);
 let written = null;
 function log() {
+  if (!at("log-card")) return;
   at("log-card").hidden = !chosen;
   if (!chosen) {
     delete at("log").dataset.wants; // it is hidden: nothing is read
@@ -77,7 +79,7 @@ document.addEventListener("click", ({ target }) => {
   history.replaceState(null, "", `#${chosen}`);
   processes();
   log();
-  at("log-card").scrollIntoView({ block: "nearest" });
+  at("log-card")?.scrollIntoView({ block: "nearest" });
 });
 onTick(processes);
 onTick(log);

@@ -1,5 +1,5 @@
 // The robot in 3D: one object per arm, moved by one message a tick with the frames of all links (scene_source.py).
-import { data, hasControl, note, onTick, say } from "./live.js";
+import { data, denied, hasControl, isPast, onTick, say } from "./live.js";
 import { OrbitControls } from "./three/OrbitControls.js";
 import * as THREE from "./three/three.module.min.js";
 import { WallModels } from "./walls.js";
@@ -228,7 +228,7 @@ class Hand {
     if (!hit) return;
     event.stopImmediatePropagation();
     event.preventDefault();
-    if (!hasControl()) return note(this.stage.element, "bad", "Take control first: this page is read-only.");
+    if (denied(this.stage.element)) return;
     this.model = models.find((model) => model.handle === hit.object);
     this.model.handle.getWorldPosition(this.goal);
     this.plane.setFromNormalAndCoplanarPoint(this.stage.camera.getWorldDirection(new THREE.Vector3()), this.goal);
@@ -328,6 +328,8 @@ class Stage {
     const found = data("scene")?.arms;
     if (!found) return;
     const { carts, shown, walls } = data("scene");
+    if (this.isOfPast !== isPast()) for (const model of Object.values(this.models)) model.count = 0; // no trail from one time to another
+    this.isOfPast = isPast();
     if (!this.only) this.carts(carts);
     this.ask(shown);
     let apart = 0;

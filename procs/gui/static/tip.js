@@ -53,8 +53,9 @@ document.addEventListener("click", async (event) => {
   } else if (does === "read-base") isMeasured("reference_valid", button) && read("base", `${state}.base_frame`);
   else if (does === "move-tip") {
     const pose = wanted("tip");
-    if (!pose || !(await preview(pose))) return note(button, "bad", pose ? says().textContent : NO_NUMBER);
-    button.dataset.confirm = `Move the tip of ${arm} to ${said(pose)}? The green shape shows it. The joints move straight; the tip may not.`;
+    const found = pose && (await preview(pose));
+    if (!found) return note(button, "bad", pose ? says().textContent : NO_NUMBER);
+    button.dataset.confirm = `Move the tip of ${arm} to ${said(pose)}${found.seconds === null ? "" : `, ${found.seconds.toFixed(1)} s`}? The green shape shows it. The joints move straight; the tip may not.`;
     if (await asked(button, [[[arm, "move_cp", pose, ""]]])) stage()?.preview(null);
   } else if (does === "set-base") {
     const pose = wanted("base");

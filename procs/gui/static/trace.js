@@ -1,17 +1,19 @@
 // A small plot of the newest seconds: lanes one above the other, one for each quantity, with several lines each.
 const COLOURS = ["--s0", "--s1", "--s2", "--s3", "--s4", "--s5", "--s6", "--s7"];
+export const MARKS = { fault: "--bad", error: "--bad", warning: "--warn", now: "--past" }; // colours of events in plots
 const LANES = [
   { lines: [0, 1], title: "position", joint: true, least: 2e-4 },
   { lines: [2, 3], title: "velocity", joint: true, after: "/s", least: 2e-3 },
   { lines: [4, 5, 6], title: "effort", least: 1e-2 },
   { lines: [7], title: "error", joint: true, least: 2e-5 },
 ];
-const GAP_S = 0.06; // longer silence is no line
+const GAP_S = 0.06; // longer silence is no line; in recordings, which have fewer samples, 0.5
 const KEPT = 8000;
 
 export class Trace {
-  constructor(canvas) {
+  constructor(canvas, gap = GAP_S) {
     this.canvas = canvas;
+    this.gap = gap;
     this.clear();
   }
 
@@ -27,8 +29,8 @@ export class Trace {
     if (over > KEPT / 4) for (const column of [this.t, ...this.v]) column.splice(0, over);
   }
 
-  // `chosen`: numbers of signals; `factor`, `unit`: from rad or m to the displayed unit.
-  draw(chosen, span, factor, unit, effort) {
+  // `chosen`: numbers of signals; `factor`, `unit`: from rad or m to the displayed unit; `marks`: times with a kind of event.
+  draw(chosen, span, factor, unit, effort, marks = []) {
     const { canvas } = this;
     const ratio = devicePixelRatio || 1;
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
@@ -49,6 +51,11 @@ export class Trace {
     const left = 58;
     const tall = height / Math.max(1, lanes.length);
     const each = Math.max(1, Math.floor((this.t.length - first) / (2 * (width - left))));
+    for (const [t, kind] of marks) {
+      if (t < end - span || t > end) continue;
+      paint.fillStyle = colour(MARKS[kind]);
+      paint.fillRect(Math.round(left + ((t - end + span) / span) * (width - left)), 0, kind === "now" ? 2 : 1, height);
+    }
     lanes.forEach((lane, row) => {
       const lines = lane.lines.filter((k) => chosen.includes(k));
       let [low, high] = [Infinity, -Infinity];
@@ -83,7 +90,7 @@ export class Trace {
           const v = this.v[k][i];
           if (v === null || v === undefined) { before = -Infinity; continue; }
           const x = left + ((this.t[i] - end + span) / span) * (width - left);
-          if (this.t[i] - before > Math.max(GAP_S, 3 * each * 0.002)) paint.moveTo(x, y(v));
+          if (this.t[i] - before > Math.max(this.gap, 3 * each * 0.002)) paint.moveTo(x, y(v));
           else paint.lineTo(x, y(v));
           before = this.t[i];
         }

@@ -282,7 +282,7 @@ def test_every_command_that_may_power_or_move_needs_an_operator_unless_it_only_e
     free = {(kind, row.name) for kind, rows in COMMANDS.items() for row in rows
             if row.effect >= RELAX and not row.needs_operator("", (0.5,))}
     assert free == {("io", "power_off"), ("io", "servo_zero"), ("arm", "hold"), ("third_party", "hold"),
-                    ("console", "unselect_teleop"), ("system", "power_off"),
+                    ("console", "unselect_teleop"), ("system", "power_off"), ("system", "hold"),
                     ("boards", "release_tip"), ("supervisor", "stop")}
 
 
