@@ -82,7 +82,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("recordings", "verbs.recordings:recordings", "List recordings."),
     Verb("dump", "verbs.dump:dump", "Save a system's shared memory, even after a crash."),
     Verb("report", "verbs.report:report", "Pack logs, recordings and version numbers for a bug report."),
-    Verb("rl", "", "Run policies in environments for learning.", moves=True, parts=(
+    Verb("rl", "", "Run policies in reinforcement-learning environments.", moves=True, parts=(
         Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment: on this machine, on Ray, or on a robot.",
              moves=True),
     )),
@@ -90,7 +90,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("commission",
          "commission.verb:commission", "Prepare a robot for its first motion, stage by stage.", moves=True),
     Verb("check", "verbs.check:check", "Validate configuration files."),
-    Verb("kinematics", "", "Compute kinematics and gravity of an arm from its files.", parts=(
+    Verb("kinematics", "", "Compute the kinematics and gravity torques of an arm from its files.", parts=(
         Verb("fk", "verbs.kinematics:fk", "Pose of the tip."),
         Verb("jacobian", "verbs.kinematics:jacobian", "Body and spatial Jacobian."),
         Verb("ik", "verbs.kinematics:ik", "Joints for a pose, or why none reach it."),

@@ -54,10 +54,18 @@ def processes_of(data: bytes) -> tuple[Process, ...]:
         raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
 
 
-def shortage_of(data: bytes) -> str:
-    """Why rings keep less than usual, from such a document; empty: they do not. ValueError as above."""
+CALIBRATION_MODE: Final = ("calibration mode: potentiometers are not compared with encoders, and motors of Si arms "
+                           "stay off; use it for calibration only, and restart without it for anything else")
+
+
+def remarks_of(data: bytes) -> tuple[bool, str]:
+    """From such a document: whether it is in calibration mode, and why rings keep less than usual (empty: they do not).
+
+    ValueError as above.
+    """
     try:
-        return str(json.loads(data)["shortage"])
+        document = json.loads(data)
+        return any(bool(io["calibration_mode"]) for io in document["ios"]), str(document["shortage"])
     except (ValueError, TypeError, LookupError, RecursionError) as error:
         raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
 

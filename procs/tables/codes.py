@@ -19,13 +19,14 @@ BAD_READS: Final = Code(
     "check the cable and the controllers' supply, then trocar home NAME", 1, POWER_OFF, "s")
 READ_MISSED: Final = Code(
     "read-missed", WARNING, "io",
-    "a read of the controllers failed; until a read succeeds, io repeats the last efforts and lets them decay",
+    "a read of the controllers failed; until a read succeeds, io applies the last efforts, reduced in each cycle",
     "rare failures are harmless; if they are frequent, check the cable and the controller", 2, NOTHING, "s")
 CURRENT: Final = Code(
     "current", ERROR, "io", "the motor current was above its limit for more than 100 cycles",
     "check for a blocked joint or a wrong current calibration, then trocar home NAME", 3, POWER_OFF, "A")
 SAFETY_AMP_DISABLE: Final = Code(
-    "safety-amp-disable", ERROR, "io", "the controller cut an amplifier: measured and requested current differ",
+    "safety-amp-disable", ERROR, "io",
+    "the controller switched an amplifier off: measured and requested current differ",
     "check the motor cable and the current calibration, then trocar home NAME", 4, POWER_OFF)
 TEMPERATURE: Final = Code(
     "temperature", ERROR, "io", "amplifier too hot",
@@ -44,13 +45,13 @@ POWER_LOST: Final = Code(
     "power-lost", ERROR, "io, arm, suj", "motor power went off unexpectedly",
     "check the emergency stop and the safety chain, then trocar home NAME", 9, POWER_OFF)
 POWER_TIMEOUT: Final = Code(
-    "power-timeout", ERROR, "io, arm, suj", "motor power did not come on in 3 s",
+    "power-timeout", ERROR, "io, arm, suj", "motor power did not come on within 3 s",
     "check emergency stop, safety chain and the controllers' supply, then trocar home NAME", 10, POWER_OFF)
 POWER_FAULT: Final = Code(
     "power-fault", ERROR, "io", "a controller reports a motor supply fault",
     "check the controllers' supply, then trocar home NAME", 11, POWER_OFF)
 WATCHDOG: Final = Code(
-    "watchdog", ERROR, "io", "a controller's watchdog has cut the amplifiers",
+    "watchdog", ERROR, "io", "a controller's watchdog has switched the amplifiers off",
     "trocar home NAME; if the fault recurs, the computer is too slow or too busy: trocar doctor", 12, POWER_OFF)
 WATCHDOG_UNCONFIRMED: Final = Code(
     "watchdog-unconfirmed", WARNING, "io", "the watchdog period was written, but the controller does not confirm it",
@@ -82,7 +83,8 @@ SHARED_BOARD: Final = Code(
     "remove the cause of the other arm's fault, then trocar home NAME", 19, POWER_OFF)
 POT_MISSING: Final = Code(
     "pot-missing", ERROR, "io", "a potentiometer reading is not in its lookup table; the safety relays were opened",
-    "check the arm's cable and the table's serial number, move the joint by hand, then trocar home NAME", 20, CUT)
+    "check the arm's cable, and the serial number in its lookup table; move the joint by hand; then trocar home NAME",
+    20, CUT)
 CURRENT_ERROR: Final = Code(
     "current-error", ERROR, "io", "measured and requested motor current differ for longer than tolerated",
     "check motor, cable and current calibration; io.current_error_a and io.current_error_s set the tolerance",
@@ -97,7 +99,7 @@ PERIOD: Final = Code(
     "period", ERROR, "io", "over one second, the average period of the I/O loop was more than twice the set period",
     f"{BUSY}, or set a longer io.period_s", 24, STOP, "s")
 PERIOD_LONG: Final = Code(
-    "period-long", WARNING, "io", "over one second, the average work of an I/O cycle took longer than the set period",
+    "period-long", WARNING, "io", "on average over one second, an I/O cycle took longer than the set period",
     f"{BUSY}, or set a longer io.period_s", 25, NOTHING, "s")
 FOREIGN_DATAGRAMS: Final = Code(
     "foreign-datagrams", WARNING, "io", f"datagrams from {SENDER} are ignored: no controller has this address",
@@ -107,7 +109,7 @@ BOARD_AWAY: Final = Code(
     "check the controller's supply and cables, then trocar home NAME; other controllers are not affected",
     27, POWER_OFF)
 TASK_OVER_BUDGET: Final = Code(
-    "task-over-budget", ERROR, "io", "an in-cycle task was too slow and was detached",
+    "task-over-budget", ERROR, "io", "a user's task in the I/O cycle was too slow; io no longer runs it",
     "make the task's step faster, or raise its budget_us (docs/in-cycle.md)", 31, NOTHING)
 TASK_FAILED: Final = Code(
     "task-failed", ERROR, "io", "an in-cycle task failed and was detached",
@@ -116,7 +118,7 @@ TASK_FAILED: Final = Code(
 # any process
 HELD_UP: Final = Code(
     "held-up", WARNING, "any",
-    "a process stalled, because it was suspended or got no CPU time; it was restarted as if killed",
+    "a process stalled, because it was suspended or got no CPU time; it was restarted, as after a kill",
     "if frequent, the machine is too slow or too busy: trocar doctor; or raise processes.NAME.late_s")
 
 # supervisor
@@ -154,10 +156,10 @@ BIAS_CHANGED: Final = Code(
     "trocar logs --commands shows which program did so; then trocar home NAME")
 IO_SWITCH: Final = Code(
     "io-switch", ERROR, "arm", "io did not carry out a request in time",
-    "remove the cause, which the event or io's log names, then trocar home NAME")
+    "remove the cause named in the event or in io's log, then trocar home NAME")
 BIAS_TIMEOUT: Final = Code(
     "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
-    "compare the arm's pose with trocar echo IO/NAME/pot/measured_js; then trocar home NAME")
+    "check that trocar echo IO1/NAME/pot/measured_js gives the arm's real pose; then trocar home NAME")
 HOMING_PLAN: Final = Code(
     "homing-plan", ERROR, "arm", "no trajectory to the home position was found",
     "move the arm by hand, away from the limits of its joints, then trocar home NAME")
@@ -192,7 +194,7 @@ COMMAND_REFUSED: Final = Code(
     "the message gives the reason; trocar send NAME lists the commands of NAME")
 OWN_STATE: Final = Code(
     "own-state", WARNING, "arm",
-    "a state of a derived arm requested something impossible; the state has ended, and the arm holds",
+    "the code of a state that you added to an arm requested something impossible; the arm left the state, and holds",
     "change the state's code as the message says (docs/derived-arms.md)")
 NOT_READY: Final = Code(
     "not-ready", WARNING, "arm", "a motion command or a clutch press was ignored, because the arm is not homed",
@@ -220,7 +222,8 @@ WALL_IN_THE_WAY: Final = Code(
     "wall-in-the-way", WARNING, "arm", "a move would cross a wall; it was refused",
     "move round the wall in several moves, or remove it (docs/walls.md)")
 WALL_OFF: Final = Code(
-    "wall-off", WARNING, "arm", "the position of a wall is not known, so the wall is off, or holds the arm",
+    "wall-off", WARNING, "arm",
+    "the position of a wall is not known; the wall's key `unknown` decides whether the wall is off or the arm holds",
     "set the base frame, or home the setup joints")
 CLIPPED: Final = Code(
     "clipped", WARNING, "arm", "a goal was beyond the limits of a joint, and was clipped",
@@ -242,11 +245,11 @@ CLIENT_TIMEOUT: Final = Code(
     "find out why it stopped or was too slow, then stream again")
 EFFORT_TIMEOUT: Final = Code(
     "effort-timeout", WARNING, "arm, teleop",
-    "the program that sent efforts or wrenches went silent, and they have ended",
+    "the program that sent efforts or wrenches went silent; the arm has stopped applying them",
     "repeat efforts and wrenches at least every 0.1 s for as long as they should act")
 ORIENTATION_LOCK: Final = Code(
     "orientation-lock", WARNING, "arm", "an orientation cannot be locked, or can no longer be held",
-    "turn the gripper away from its limit")
+    "turn the master's gripper until its wrist is away from its limits")
 ADAPTER_MISSING: Final = Code(
     "adapter-missing", WARNING, "arm", "an instrument is attached, but no sterile adapter is detected",
     "check the adapter and its switch")
@@ -266,8 +269,8 @@ CLUTCH_RELEASED: Final = Code(
     "clutch-released", WARNING, "suj", "a clutch command has ended: a minute has passed, or power went off",
     "if needed, clutch again")
 CLUTCH_STUCK: Final = Code(
-    "clutch-stuck", WARNING, "io, suj", "a button of the setup joints was pressed at power-on or at the start "
-    "of their process; the button has no effect until released",
+    "clutch-stuck", WARNING, "io, suj",
+    "a button of the setup joints was already pressed at power-on or at the start; it has no effect until released",
     "release the button; if the button is not pressed, check it and its cable")
 MULTIPLEXER_CHANNEL: Final = Code(
     "multiplexer-channel", WARNING, "suj", "the interface board reports a channel other than the requested one",
@@ -288,7 +291,7 @@ SETUP_BOARD: Final = Code(
 # teleoperations
 FAULT_SINCE: Final = Code(
     "fault-since", ERROR, "teleop", "a fault occurred after the teleoperation was requested",
-    "enable the teleoperation again: teleop_enable of its console")
+    "enable the teleoperation again: trocar send CONSOLE teleop_enable 1")
 ARM_ERROR: Final = Code(
     "arm-error", ERROR, "teleop", "an arm of this teleoperation reported an error; following has stopped",
     "follow the remedy of the arm's error, then enable teleoperation again")
@@ -301,7 +304,7 @@ ARM_RESTARTED: Final = Code(
 ARM_IMPLAUSIBLE: Final = Code(
     "arm-implausible", ERROR, "teleop",
     "a master jumped, or a third-party arm sends implausible values; following has stopped",
-    "pinch or twist the master's gripper; if this recurs, check encoders or program (docs/third-party-masters.md)")
+    "pinch or twist the master's gripper; if this recurs, check encoders and program (docs/third-party-masters.md)")
 ARM_CLUTCHED: Final = Code(
     "arm-clutched", WARNING, "teleop", "an arm of this teleoperation is being moved by hand; following has stopped",
     "release the arm's clutch, then pinch or twist the master's gripper")
@@ -312,7 +315,8 @@ ARM_STOPPED: Final = Code(
     "arm-stopped", WARNING, "teleop", "another program stopped an arm of this teleoperation; teleoperation has ended",
     "press the pedal again, or enable teleoperation again")
 ARM_TAKEN: Final = Code(
-    "arm-taken", WARNING, "teleop", "another program is moving a master, or sent it hold; following has stopped",
+    "arm-taken", WARNING, "teleop",
+    "another program is moving a master, or sent it the command hold; following has stopped",
     "end that program, then pinch or twist the master's gripper")
 ARM_SETUP_TIMEOUT: Final = Code(
     "arm-setup-timeout", ERROR, "teleop", "an arm of this teleoperation was not enabled and homed in time",
@@ -324,7 +328,7 @@ POSE_UNKNOWN: Final = Code(
     "pose-unknown", ERROR, "teleop", "the pose of an arm or of a base frame is not known",
     "wait until the setup joints are read and at rest, or give the arm a base frame (set_base_frame)")
 MASTER_OUTSIDE: Final = Code(
-    "master-outside", ERROR, "teleop", "a master is too far out to move the camera with",
+    "master-outside", ERROR, "teleop", "a master is too far away from you to move the camera",
     "bring the masters back in front of you and press the pedal again")
 CAMERA_JUMP: Final = Code(
     "camera-jump", ERROR, "teleop", "the camera would jump: the hands are crossed, or one is behind the other",
@@ -350,25 +354,25 @@ TELEOP_DISABLED: Final = Code(
 HEAD_SENSOR: Final = Code(
     "head-sensor", WARNING, "console",
     "the head sensor was plugged in or unplugged; without a sensor, the operator counts as absent",
-    "if it should be plugged in, check its cable, and the permission to read it")
+    "if it should be plugged in, check its cable, and the permission to read its device file")
 TELEOP_REFUSED: Final = Code("teleop-refused", WARNING, "console", "a teleoperation refused a request of the console",
                              "trocar status shows the teleoperation's reason")
 SYSTEM_INCOMPLETE: Final = Code("system-incomplete", ERROR, "system", "power_on, home or power_off did not succeed for "
                                 "all arms", "trocar status says what to do first")
 BEEP_CLIPPED: Final = Code(
-    "beep-clipped", WARNING, "system", "a value of a beep was out of range; the nearest allowed value was used",
+    "beep-clipped", WARNING, "system", "a parameter of a beep was out of range; the nearest allowed value was used",
     "give values within the range in docs/teleoperation.md")
 SOUND_FAILED: Final = Code("sound-failed", WARNING, "system", "a sound could not be played",
                            "sounds are for information only; nothing else is affected")
 THIRD_PARTY_ERROR: Final = Code(
     "third-party-error", ERROR, "third_party", "a third-party program that provides an arm reports an error",
-    "correct the error in that program; teleoperations that use the arm stop")
+    "correct the error in that program; enable the teleoperations of this arm again")
 ROS_MESSAGE: Final = Code(
     "ros-message", WARNING, "third_party",
     "an arm provided by a ROS program sent a warning, or its message was refused",
     "check the program that provides the arm; docs/ros.md lists its topics")
 ROS_REFUSED: Final = Code("ros-refused", WARNING, "ros_bridge", "a command from ROS was refused, or did not succeed",
-                          "docs/commands.md lists the values of each command")
+                          "docs/commands.md lists the arguments of each command")
 
 # users' processes
 USER_ERROR: Final = Code(

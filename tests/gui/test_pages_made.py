@@ -123,6 +123,16 @@ def test_outputs_that_io_sets_by_itself_have_no_switch_but_for_calibration(calib
     assert {name for name in ("light", "disable_PWM") if f'"{name}"' in steps} == shown
 
 
+@pytest.mark.parametrize("calibrates", [False, True])
+def test_every_page_says_that_the_system_is_in_calibration_mode(calibrates: bool, tmp_path: Path) -> None:
+    document = system("demo.yaml", tmp_path)
+    document = replace(document, ios=tuple(replace(io, calibration_mode=calibrates) for io in document.ios))
+    for _, path in pages_of(document):
+        with page(document, path) as whole:
+            pass
+        assert ("calibration mode" in {part.text for part in whole.all()}) is calibrates
+
+
 THREE = {
     "LICENSE": "bfe119ea4fd413f5f7ca3fcd63adb0c4a073ed39daa2fe7d3e6b769e21272601",
     "OrbitControls.js": "6c860c6b342200f8aef65493319c12bfb2d652107355b1d25eb2154371128391",

@@ -65,7 +65,7 @@ def test_a_button_that_is_pressed_when_power_comes_lets_nothing_go_until_it_was_
     harness.run_s(1.0)
     assert harness.port.quadlets == []
     warned = [event for event in harness.core.reports.events if event.code == "clutch-stuck"]
-    assert len(warned) == 1 and "it has no effect until released" in warned[0].text
+    assert len(warned) == 1 and "the button has no effect until released" in warned[0].text
     assert press(harness, 1 - bit, True) == [], "nor does the other one while it is stuck"
     press(harness, 1 - bit, False)
     assert press(harness, bit, False) == [] and press(harness, bit, True) == [LET_GO] * 3

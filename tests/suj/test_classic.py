@@ -189,7 +189,7 @@ def test_a_board_that_is_unplugged_is_reported_as_io_reports_it(known: Cart, clu
     assert not known.field("brake_current").any(), "brakes hold without samples"
     known.run(1.0)
     (fault,) = [event for event in known.harness.events if event.kind == "error"]
-    assert fault.code == "bad-reads" and fault.text.startswith("SUJ, board 12: no good sample from the controllers")
+    assert fault.code == "bad-reads" and fault.text.startswith("SUJ, board 12: the controllers sent no valid sample")
     assert known.joints.machine.state is SetupState.FAULT
     assert known.reports.of("error") == [fault.text] == [known.field("reason").item().decode()]
     assert known.reports.faults == [(fault.code, fault.axis, 12, fault.value, fault.limit)]

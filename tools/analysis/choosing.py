@@ -28,10 +28,11 @@ TIMED: Final = IN_TIME - {"supervisor"}
 
 TopicsOption = Annotated[
     list[str] | None,
-    typer.Option("--topics", metavar="TOPIC", help="Topic, e.g. PSM1/state or 'PSM*/*'; repeatable; default: all."),
+    typer.Option(
+        "--topics", metavar="TOPIC", help="Topic to read, e.g. PSM1/state or 'PSM*/*'; repeatable; default: all."),
 ]
 FromOption = Annotated[float, typer.Option(
-    "--from", min=0.0, metavar="S", help="Begin, in seconds after the start of the recording.")]
+    "--from", min=0.0, metavar="S", help="Start of the range, in seconds after the start of the recording.")]
 ToOption = Annotated[float | None, typer.Option(
     "--to", min=0.0, metavar="S", help="End, in seconds after the start of the recording.")]
 

@@ -14,6 +14,7 @@ from trocar.procs.document.arms import MODELLED_JOINTS, ArmConfig, MasterGravity
 from trocar.procs.document.keys import keys_in
 from trocar.procs.kinematics.coupling import coupling
 from trocar.procs.kinematics.master_gravity import GRAVITY
+from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.client.arm import Arm
 from trocar.tools.client.shared import SharedWays
 from trocar.tools.commission import gravity_fit, home, io_file
@@ -24,6 +25,7 @@ from trocar.tools.commission.move import end, limits, steady
 from trocar.tools.commission.subject import Subject
 from trocar.tools.commission.window import Floats, Window
 from trocar.tools.inspect.watch import arm_document
+from trocar.tools.output.printing import span
 
 RATIO, PREVIEW_RATIO = 0.4, 0.15  # of the usual speed
 TIMEOUT_S: Final = 60.0
@@ -93,8 +95,10 @@ def measured(goes: Goes, bench: RunningBench, subject: Subject, document: ArmCon
     left = sum(subject.range_of(0)) > 0.0  # a left master's first joint goes further outwards, to positive positions
     plan = gravity_fit.sweeps(left, low, high, REHEARSED if bench.document.emulation is not None else 1)
     start = np.array(START)
+    count = Countdown(bench, f"{subject.name}: ends of its motions", 4 * len(plan))
     for sweep in plan:  # once through all ends, slowly, on the ways of the measurement
         for goal in (start, sweep.positions[0], sweep.positions[-1], sweep.positions[0]):
+            count.next()
             goes(goal, PREVIEW_RATIO)
     goes(start, PREVIEW_RATIO)
     if not bench.person.agrees(f"{subject.name} has been at all ends of its motions. Did it stay 10 cm away from "
@@ -102,11 +106,12 @@ def measured(goes: Goes, bench: RunningBench, subject: Subject, document: ArmCon
         return None, [Finding(subject.whole(), "it came too close to something", "10 cm all around",
                               "clear its workspace, or turn the setup, and repeat this stage")]
     rows = []
-    for number, sweep in enumerate(plan):
-        bench.person.show(f"{subject.name}: {100 * number / len(plan):.0f} %")
+    count = Countdown(bench, f"{subject.name}: pose", 2 * sum(len(sweep.positions) for sweep in plan))
+    for sweep in plan:
         goes(start, RATIO)
         for upwards in (True, False):
             for turn, goal in enumerate(sweep.positions if upwards else sweep.positions[::-1]):
+                count.next()
                 window = goes(goal, RATIO)
                 if turn == 0:  # reached from either side
                     continue
@@ -119,6 +124,21 @@ def measured(goes: Goes, bench: RunningBench, subject: Subject, document: ArmCon
                              pair.joint_to_actuator.T @ (current / scale)))
     goes(start, RATIO)
     return gravity_fit.held(rows), []
+
+
+class Countdown:
+    """Shows how many of `total` steps are left, and for how long at the pace so far (in real time)."""
+
+    def __init__(self, bench: RunningBench, what: str, total: int) -> None:
+        self._bench, self._what, self._total = bench, what, total
+        self._done, self._begin_ns = 0, monotonic_ns()
+
+    def next(self) -> None:
+        """The next step begins."""
+        passed_s = (monotonic_ns() - self._begin_ns) * 1e-9
+        left = f", about {span(passed_s / self._done * (self._total - self._done))} left" if self._done else ""
+        self._done += 1
+        self._bench.person.progress(f"{self._what} {self._done} of {self._total}{left}")
 
 
 def judge(off: Floats, most: Floats, subject: Subject) -> list[Finding]:

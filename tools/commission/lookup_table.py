@@ -6,6 +6,7 @@ which is the same for all arms of a type.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -41,13 +42,19 @@ class ReadingsByHand:
         self._sum, self.count = np.zeros((axes, ENTRIES)), np.zeros((axes, ENTRIES), dtype=np.int64)
         self._low, self._high = np.full((axes, ENTRIES), np.inf), np.full((axes, ENTRIES), -np.inf)
 
-    def add(self, readings: NDArray[np.integer], positions: Floats) -> None:
-        """Samples (k, axes)."""
-        where = np.broadcast_to(self._row, readings.T.shape), readings.T
-        np.add.at(self._sum, where, positions.T)
+    def add(self, readings: NDArray[np.integer], positions: Floats, axes: Sequence[int] | None = None) -> None:
+        """Samples (k, axes); only those of some `axes` count."""
+        some = slice(None) if axes is None else list(axes)
+        codes, values = readings.T[some], positions.T[some]
+        where = np.broadcast_to(self._row[some], codes.shape), codes
+        np.add.at(self._sum, where, values)
         np.add.at(self.count, where, 1)
-        np.minimum.at(self._low, where, positions.T)
-        np.maximum.at(self._high, where, positions.T)
+        np.minimum.at(self._low, where, values)
+        np.maximum.at(self._high, where, values)
+
+    def forget(self, axis: int) -> None:
+        """Nothing of this axis was read yet."""
+        self._sum[axis], self.count[axis], self._low[axis], self._high[axis] = 0.0, 0, np.inf, -np.inf
 
     def range(self) -> Floats:
         """Widths (axes,) of the positions so far; 0 before the first sample."""
@@ -69,13 +76,12 @@ class ReadingsByHand:
             return np.zeros(0), f"{inner.max()} readings in a row are missing"
         means = self._sum[axis][ordered] / count[ordered]
         low, high = RANGES[kind][axis]
+        spread = float((self._high[axis] - self._low[axis])[ordered].max())  # first: means of other axes' positions lie
+        if not spread <= MAX_SPREAD * (high - low) / (int(steps[-1]) + 1):
+            return np.zeros(0), f"positions at one reading differ by {spread:.4g}"
         width = float(means.max() - means.min())
         if not abs(width / (high - low) - 1.0) <= RANGE_WITHIN:
             return np.zeros(0), f"its range is {width:.4g}"
-        step = width / (int(steps[-1]) + 1)
-        spread = float((self._high[axis] - self._low[axis])[ordered].max())
-        if not spread <= MAX_SPREAD * step:
-            return np.zeros(0), f"positions at one reading differ by {spread:.4g}"
         middle = SENSES[kind][axis] * 0.5 * (low + high)
         filled = np.interp(np.arange(steps[-1] + 1), steps, means) + middle - 0.5 * (means.max() + means.min())
         table = np.full(ENTRIES, MISSING)

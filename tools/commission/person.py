@@ -174,6 +174,10 @@ class AtTerminal:
         """The measurements meanwhile."""
         print(f"\r\033[K{printable(line, '')}", end="", flush=True)
 
+    def progress(self, line: str) -> None:
+        """How far a long measurement is."""
+        self.show(line)
+
     def report(self, line: str) -> None:
         """Something to know."""
         tell(line, flush=True)

@@ -22,6 +22,7 @@ from trocar.tools.output.printing import note
 STEPS: Final = 8  # of a motion by hand, each way
 BEYOND: Final = 1.3  # times the requested motion
 SWEEP_STEPS: Final = 2800  # from stop to stop: a reading that lags by one of them, each way, is still repeated
+SWEEP_NOTES: Final = 5  # on one way
 CLUTCHED: Final = 10  # looks until the brakes of a setup arm have released, or hold
 WAITS: Final = 40  # looks while the person waits for an event
 ROCKED_RAD, ROCKED_M = 0.02, 0.003
@@ -59,6 +60,9 @@ class PersonSim:
     def show(self, line: str) -> None:
         """Not shown."""
 
+    def progress(self, line: str) -> None:
+        note(line)
+
     def report(self, line: str) -> None:
         note(line)
 
@@ -73,8 +77,10 @@ class PersonSim:
                 low, high = (np.array(ends) for ends in zip(*map(subject.range_of, range(len(subject.names))),
                                                             strict=True))
                 for begin, end in ((self._truth(subject).copy(), low), (low, high), (high, low)):  # a hand never jumps
-                    share = np.max(np.abs(end - begin) / (high - low))
-                    for goal in np.linspace(begin, end, round(share * SWEEP_STEPS)):
+                    steps = round(np.max(np.abs(end - begin) / (high - low)) * SWEEP_STEPS)
+                    for step, goal in enumerate(np.linspace(begin, end, steps)):
+                        if step % (SWEEP_STEPS // SWEEP_NOTES) == 0:
+                            self.progress(f"{subject.name}: {100 * step / steps:.0f} % of the way to its next stops")
                         self._order("set_position", goal.tolist(), subject.name)
                         yield
             case Rock(subject, axis):

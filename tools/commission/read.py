@@ -109,7 +109,7 @@ def _pot(window: Window, subject: Subject, axis: int) -> list[Finding]:
             return []
         return [Finding(where, "its potentiometer gives readings that are not in its table", "those of the table",
                         "is this arm's own table in use? If so, its sensor or cable is broken")]
-    if actuator.potentiometer is None:
+    if actuator.potentiometer is None or not subject.has_pot(axis):  # a master's roll turns further than its own
         return []
     volts, scale = window.axes("pot_voltage", subject)[:, axis], actuator.potentiometer.bits_to_voltage
     ends = sorted((scale.offset, scale.offset + FULL_BITS * scale.scale))
@@ -123,7 +123,7 @@ def _pot(window: Window, subject: Subject, axis: int) -> list[Finding]:
                         "a bad contact or a broken shield: check plug and cable")]
     lower, upper = subject.range_of(axis)
     room = BEYOND_RANGE * (upper - lower)
-    if subject.has_pot(axis) and lower < upper and not lower - room <= position.mean() <= upper + room:
+    if lower < upper and not lower - room <= position.mean() <= upper + room:
         unit = subject.unit(axis)
         return [Finding(where, f"potentiometer says {position.mean():.4g} {unit}",
                         f"{lower - room:.4g} to {upper + room:.4g} {unit}",

@@ -39,7 +39,6 @@ NAME: Final = "commission"
 EASY: Final = ("io.period_s=0.002", "arm.period_s=0.002")  # on emulated boards, which share this machine's cores
 CALIBRATING: Final = "calibration_mode=true"
 EASY_LATE: Final = "late_s=0.5"
-HELD: Final = "friction=10"  # a simulated person only sets positions; released, the arm must not sink in between
 NOMINAL: Final = "its IO file still has nominal current offsets"
 REHEARSALS: Final = 4  # of a stage in real time, while it stops
 
@@ -64,10 +63,8 @@ def _eased(request: StartRequest, document: SystemConfig) -> StartRequest:
     """A rehearsal that runs on a busy machine, too; the person's settings follow and take precedence."""
     if document.emulation is None:
         return request
-    by_hand = [subject.name for subject in subjects_of(document) if subject.arm and _has_no_table(subject.robot)]
     late = (f"processes.{row.name}.{EASY_LATE}" for row in document.processes if row.kind in ("io", "arm"))
-    held = (f"emulation.robots.{name}.{HELD}" for name in by_hand)
-    return dataclasses.replace(request, sets=(*EASY, *late, *held, *request.sets))
+    return dataclasses.replace(request, sets=(*EASY, *late, *request.sets))
 
 
 def _has_no_table(robot: Robot) -> bool:
@@ -91,15 +88,15 @@ def commission(
         "--report", help="Report file; default: commission-SYSTEM.json.")] = None,
     pack_into: Annotated[Path | None, typer.Option(
         "--pack", metavar="FILE",
-        help="New .tar.gz file for the report, configuration files, logs, recordings and version "
-        "numbers, ready to send. No stage is run.")] = None,
+        help="Pack report, configuration files, logs, recordings and version numbers into a new .tar.gz "
+        "file, ready to send. No stage is run.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="Value for a key of the file's `trocar:` section.")] = None,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", metavar="NAME", help="Name of the system during commissioning."),
     ] = default_system(NAME),
 ) -> int:
-    """Prepare a robot for its first motion, in stages: from finding the boards to slow motion.
+    """Prepare a robot for its first motion, in stages: from finding the boards to moving slowly.
 
     First read docs/first-hardware.md. Each stage stops at the first problem, and names the remedy. The same command
     then resumes after the last stage that passed.

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from numpy.typing import NDArray
 
+from trocar.procs.document.process import remarks_of
 from trocar.procs.machine.verb_lines import REMEDY
 from trocar.procs.tables.codes import IO_TIMEOUT, MEMORY_REMOVED, SHARED_BOARD
 from trocar.procs.tables.lifecycle import DONE, is_meant, may_have_written
@@ -41,6 +42,13 @@ FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "h
 CAUSED_NS, SEEN_LATER_NS = 3_000_000_000, 500_000_000
 NEVER = "–"  # nothing published yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
+
+
+def system_remarks(system: str) -> tuple[bool, str]:
+    """Whether the system is in calibration mode, and why its rings keep less than usual; neither if it is unknown."""
+    with contextlib.suppress(SegmentError, ValueError):
+        return remarks_of(directory.document(system))
+    return False, ""
 
 
 @dataclass(frozen=True, slots=True)

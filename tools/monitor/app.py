@@ -180,6 +180,8 @@ class InspectorApp(App[None]):
         head.append(f"  {seen.words}", colours.good if seen.lives and seen.stalled_s is None else (
             f"bold {colours.bad}"))
         head.append(f"  clock {seen.clock}" if seen.lives else "")
+        if seen.remark:
+            head.append(f"\n{seen.remark}", f"bold {colours.warning}")
         head.append("\n" + seen.first, colours.good if seen.is_well else colours.warning)
         if self._problem:
             head.append(f"\n{self._problem}", colours.bad)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass
 
+from trocar.procs.document.process import CALIBRATION_MODE
 from trocar.shm.memory.segment import SegmentError, segment_name, status_of
 from trocar.shm.time.control_page import silence_s
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools.inspect.processes import STALLED, ProcessStatus, statuses
 from trocar.tools.inspect.replayed import clock_in_words
-from trocar.tools.inspect.standing import Standing, first_thing, in_a_line, standings
+from trocar.tools.inspect.standing import Standing, first_thing, in_a_line, standings, system_remarks
 from trocar.tools.output.printing import span
 from trocar.tools.systems.find import is_up
 from trocar.tools.systems.processes import SUPERVISOR
@@ -26,6 +27,7 @@ class Overview:
     clock: str
     processes: tuple[ProcessStatus, ...] = ()
     standings: tuple[Standing, ...] = ()
+    calibrating: bool = False
 
     @property
     def lives(self) -> bool:
@@ -61,6 +63,11 @@ class Overview:
         return in_a_line(self.processes, self.standings)
 
     @property
+    def remark(self) -> str:
+        """What holds for the whole system until it is restarted; empty: nothing."""
+        return CALIBRATION_MODE if self.calibrating else ""
+
+    @property
     def is_well(self) -> bool:
         """Whether no step is required."""
         return self.lives and not first_thing(self.processes, self.standings)
@@ -72,12 +79,12 @@ def overview(system: str) -> Overview:
         return Overview(system, "gone", None, "")
     processes = tuple(statuses(system))
     found = tuple(standings(system, processes))
-    clock = ""
+    clock, calibrating = "", system_remarks(system)[0]
     with contextlib.suppress(SegmentError), SystemTime(system) as time:
         clock = clock_in_words(system, time)
     if is_up(system):
-        return Overview(system, "RUNNING", None, clock, processes, found)
-    return Overview(system, "dead", silence_s(system, SUPERVISOR), clock, processes, found)
+        return Overview(system, "RUNNING", None, clock, processes, found, calibrating)
+    return Overview(system, "dead", silence_s(system, SUPERVISOR), clock, processes, found, calibrating)
 
 
 def identity_of(system: str) -> tuple[int, ...]:

@@ -69,7 +69,7 @@ def document(system: str) -> dict[str, Any]:
     seen = shot.overview
     return {
         "system": system, "monotonic_ns": monotonic_ns(), "supervisor": seen.supervisor, "dead_s": seen.dead_s,
-        "clock": seen.clock, "first": seen.first.removeprefix("first: "),
+        "clock": seen.clock, "calibration_mode": seen.calibrating, "first": seen.first.removeprefix("first: "),
         "processes": [{**dataclasses.asdict(row.status), "cpu_percent": row.cpu_percent, "memory_mb": row.memory_mb}
                       for row in shot.processes],
         "standings": [dataclasses.asdict(one) for one in seen.standings],
@@ -91,7 +91,8 @@ def print_once(system: str) -> None:
     asked += [tuple(row.cells) for row in list(reversed(shot.commands))[:COMMANDS_SHOWN]]
     table(f"system {seen.system}, {seen.words}, clock {seen.clock}", standing.COLUMNS,
           [standing.cells(one) for one in seen.standings])
-    tell(seen.first)
+    for line in filter(None, (seen.remark, seen.first)):
+        tell(line)
     table("events, newest first", ("at", "from", "event", "text"),
           [(row.at, row.who, row.what, row.text) for row in _once_each(shot.events)])
     table("", (*COLUMNS[:-1], "CPU %", "MB", COLUMNS[-1]),

@@ -17,23 +17,23 @@ HEAD = """# Warnings and errors
 This page lists the codes of all warnings and errors. It is generated from `procs/tables/codes.py` by
 `python -m trocar.tools.pages.errors`; do not edit it.
 
-An event has a code from this page. Its text names the component, the cause and the measured value. `trocar logs`,
-`trocar status` and `trocar echo PSM1/events` also print the remedy, with the name of the arm or process in place of
-NAME. In a remedy, text that begins with `trocar` is a command to type. Terms such as *homed* and *stream* are in the
-[glossary](glossary.md).
+Each warning or error that a process reports has one of these codes. Its text names the component, the cause and the
+measured value. `trocar logs`, `trocar status` and `trocar echo PSM1/events` also print the remedy, with the name of the
+arm or process in place of NAME. In a remedy, text that begins with `trocar` is a command to type. Terms such as *homed*
+and *stream* are in the [glossary](glossary.md).
 """
 OF_IO = """
 ## What I/O does
 
-The processes of kind `io` report the faults in this table under their numbers. Unused numbers are left out. The event
-of a fault gives the robot, the axis, the measured value and the limit. Axes are counted from 0; the brakes follow the
-actuators.
+The `io` processes report the faults in this table, each with its number. Unused numbers are left out. The event of a
+fault gives the robot, the axis, the measured value and the limit. Axes are numbered from 0: first the actuators, then
+the brakes.
 
 If several faults occur in one cycle, io reports them all. The first fault that switches something off is latched: its
-number stays in the field `fault` of `IO1/state`. While a fault is latched, the joint controller cannot be switched on,
-and a fault that switches something off is reported only once. The next power-on clears the latch.
+number stays in the field `fault` of `IO1/state`. While a fault is latched, the joint controller cannot be switched on.
+A further fault that switches something off is reported once, not in every cycle. The next power-on clears the latch.
 
-"Continues" means that io continues. The arm itself may hold its position, or stay off.
+"Continues" means that io switches nothing off. The arm itself may hold its position, or stay off.
 
 | number | code | I/O does |
 |---|---|---|

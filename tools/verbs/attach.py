@@ -24,7 +24,8 @@ def attach(
 
     The monitor only reads. It can be opened at any time, and needs no configuration. Keys: 1 to 6 or Tab select a page,
     / searches, f freezes, q quits. If a system has crashed, the monitor shows the data left in shared memory, and marks
-    them. With --json, the output is one object. Without a terminal, the monitor prints everything once as text.
+    the processes as dead. With --json, the output is one object. Without a terminal, the monitor prints everything once
+    as text.
 
     Example: trocar attach
 

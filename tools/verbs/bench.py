@@ -24,7 +24,8 @@ BENCHES: Final = {
 
 
 def bench(
-    name: Annotated[str, typer.Argument(metavar="NAME", help=f"Measurement to run: {', '.join(BENCHES)}.")],
+    name: Annotated[str, typer.Argument(
+        metavar="NAME", help=f"Measurement to run: {', '.join(BENCHES)} (docs/benchmarks.md).")],
     file: Annotated[Path | None, typer.Argument(
         metavar="[SYSTEM]", help="System file, only for `system`; default: a supplied file.")] = None,
     path: Annotated[list[Path] | None, typer.Option(
@@ -32,10 +33,10 @@ def bench(
     boards: Annotated[str, typer.Option(
         "--boards", help="`emulated`: without hardware; only for `system`.")] = "",
     seconds: Annotated[float, typer.Option(
-        "--seconds", min=0.0,
-        help="Duration in s, for teleop, system, bridges, gui, recorder and rl; 0: default.")] = 0.0,
+        "--seconds", min=0.0, show_default=False,
+        help="Duration in s, for teleop, system, bridges, gui, recorder and rl; each has its own default.")] = 0.0,
     browser: Annotated[bool, typer.Option(
-        "--browser", help="Also measure in the browser Chromium, only for gui.")] = False,
+        "--browser", help="Also measure in the Chromium browser; only for gui.")] = False,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="Value for a key of the system file, only for teleop and system.")] = None,
     as_json: JsonOption = False,

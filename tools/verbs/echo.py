@@ -47,10 +47,11 @@ def echo(
 ) -> int:
     """Print the values of a topic.
 
-    A topic is a whole record (PSM1/state), a CRTK name such as PSM1/measured_js, a field of either, or events.
-    Events are printed oldest first, each as one line with the time of day. Fields that are computed on demand are
-    requested while this runs. An unavailable value is printed as an empty field, in JSON as null. Exit code 1: nothing
-    came in time.
+    A topic is a whole record (PSM1/state), a CRTK name such as PSM1/measured_js, a field of either, or the events of a
+    process: PSM1/events has all of them, PSM1/error, PSM1/warning and PSM1/status one kind each. Events are printed
+    oldest first, each as one line with the time of day; then it waits for new ones. Fields that are computed on demand
+    are requested while this runs. An unavailable value is printed as an empty field, in JSON as null. Exit code 1:
+    nothing came in time.
 
     Example: trocar echo PSM1/measured_js --once --json
 

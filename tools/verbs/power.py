@@ -6,8 +6,10 @@ from typing import Annotated
 
 import typer
 
+from trocar.procs.document.process import CALIBRATION_MODE
 from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.tools.client.bring_up import bring
+from trocar.tools.inspect.standing import system_remarks
 from trocar.tools.inspect.watch import powered_names
 from trocar.tools.output.errors import Problem, only_waiting
 from trocar.tools.output.printing import emit, note, progress, table
@@ -61,6 +63,8 @@ def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, syst
     names = powered_names(name, arms)
     if not names:
         raise Problem(f"system {name} has no arms")
+    if goal != DISABLED and system_remarks(name)[0]:
+        note(CALIBRATION_MODE)
     stops = " ".join(("trocar power-off", *(arms or ()))) if goal != DISABLED else ""
     with only_waiting(stops), progress(DOING[goal]) as say:
         problems = bring(name, names, goal, timeout, say, note)

@@ -43,14 +43,14 @@ def record(
     detach: Annotated[bool, typer.Option(
         "--detach", help="Return when the recording has begun. --stop ends the recording.")] = False,
     keep: Annotated[bool, typer.Option(
-        "--keep", help="Save the last few minutes now, as after a fault. NAME is the reason.")] = False,
+        "--keep", help="Make the recorder save its last minutes, as after a fault; NAME is stored as reason.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
     """Record topics to a file, with every event and command. Ctrl-C ends the recording.
 
-    If this program ends, e.g. with its terminal, the recording also ends. With --detach, the recording continues until
-    --stop. docs/recordings.md describes the files. Exit code 1: records are missing.
+    If this program ends, e.g. because its terminal is closed, the recording also ends. With --detach, it continues
+    until --stop. docs/recordings.md describes the files. Exit code 1: records are missing.
 
     Example: trocar record grasp PSM1 IO1/state --for 2
     """

@@ -53,12 +53,13 @@ def replay(
 
     Move arms, the default: homed arms of a running system move slowly to the start of the recording. They then follow
     the recorded setpoints at the recorded speed; with --commands, recorded commands such as move_jp are sent instead. A
-    real robot needs --real-robot. A fault of an arm or Ctrl-C ends the replay, and the arms hold their position.
+    real robot needs --real-robot. Ctrl-C, or an arm in FAULT, ends the replay; all other arms hold their position.
 
-    Show the records: --as NAME. A read-only system appears for list, echo, scope and bridges.
+    Show the records: --as NAME starts a read-only system NAME. `trocar list`, `trocar echo`, `trocar scope` and the
+    bridges can read it.
 
-    Repeat the run: --fresh. A new system repeats the run from its start, and every bit is compared with the recording.
-    The recorded run must have used simulated time. Exit code 1: the runs differ.
+    Repeat the run: with --fresh, a new system repeats the run from its start, and every bit is compared with the
+    recording. The recorded run must have used simulated time. Exit code 1: the runs differ.
 
     Example: trocar replay monday.mcap --arms PSM1 --speed 0.5
 

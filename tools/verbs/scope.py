@@ -60,11 +60,12 @@ def scope(
     CONDITION has one of four forms: `FIELD OP VALUE`, `abs(FIELD) OP VALUE`, `event NAME WHAT`, `fault NAME`. OP is one
     of > >= < <= == and !=. VALUE is a number, or a word such as FAULT. NAME is a process. WHAT is a severity, a code,
     or text in quotes. NAME and WHAT may be left out. Combine conditions with `and`, `or`, `not` and brackets. A FIELD
-    with several elements triggers if one element meets the condition.
+    with several elements triggers if any of them meets the condition.
 
-    Shared memory holds the last 1.9 s, or 0.7 s in a system without boards. If --before is longer, scope collects the
-    missing data after its start. Some fields are computed only on request: scope requests them, and plots them from its
-    start. With --recording, or after a crash, scope searches the stored data, as with --past.
+    Shared memory holds the last 1.9 s, or the last 0.7 s if all arms are KINEMATIC. If --before is longer and the
+    trigger comes soon after the start of scope, the plot shows less of the time before the trigger. Some fields are
+    computed only on request. The plot of such a field begins when scope starts. With --recording, or after a crash,
+    scope searches the stored data, as with --past.
 
     Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 1
 

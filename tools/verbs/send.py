@@ -25,17 +25,18 @@ def send(
     arguments: Annotated[list[str] | None, typer.Argument(
         metavar="[ARGS]...", help="Numbers and text that the command takes.")] = None,
     wait: Annotated[bool, typer.Option(
-        "--wait", help="Wait until the command has ended, not only for its acceptance.")] = False,
+        "--wait", help="Wait until the command has finished, not only until it is accepted.")] = False,
     timeout: Annotated[float | None, typer.Option(
-        "--timeout", min=0.0, help="Seconds to wait for the reply; default: 2, with --wait 60.")] = None,
+        "--timeout", min=0.0, help="Seconds to wait for the reply; default: 2, or 60 if --wait is given.")] = None,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
     """Send a command to a process, and print the reply. Units are rad, m, s, N and N·m.
 
     Without COMMAND, all commands of the process are listed. An effort or wrench acts for only 0.1 s, unless it is sent
-    again (key arm.effort_timeout_s). Zero efforts act until the arm's next command: the arm can be moved by hand, and
-    only its weight is compensated.
+    again (key arm.effort_timeout_s). Exception: efforts or wrenches that are all zero act until the arm's next command.
+    The arm then only compensates its weight, and can be moved by hand. A PSM takes one number for each joint: 6 with an
+    instrument, 7 without.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """

@@ -99,6 +99,9 @@ class Plant:
             np.add(self._applied, self._pull, self._applied)
             self._pull[:] = 0.0
             self._is_pulled = False
+        if len(self._carried):
+            weight = self.data.qfrc_bias - self.data.qfrc_gravcomp  # of the step before: about the same
+            self._applied[self._carried] += weight[self._carried]
         mujoco.mj_step(self.model, self.data)
         if self._projection is not None:
             self._projection.apply()
@@ -156,6 +159,11 @@ class Plant:
     def support(self, robot: str, supported: bool) -> None:
         """Carry a robot's weight by hand in any position, or let it act again."""
         (self._supported.add if supported else self._supported.discard)(robot)
+        self._carry()
+
+    def _carry(self) -> None:
+        self._carried = np.concatenate([np.zeros(0, dtype=np.intp),
+                                        *(self._assembly.joints[robot] for robot in sorted(self._supported))])
 
     def place(self, robot: str, actuator_position: Array, by_hand: bool = False) -> None:
         """Set a robot's actuators (n,) to a position, at rest; brakes hold it there, or `by_hand` where they are."""
@@ -248,6 +256,7 @@ class Plant:
         self._is_heavy = 0 if self._weights is None else HEAVY
         (self._apply,) = library.chosen(PLANT, self)
         self._take_push()
+        self._carry()
         self._take_state()
         self._constrain()
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
+from trocar.procs.document.process import CALIBRATION_MODE
 from trocar.procs.document.system import WALL, SystemConfig
 from trocar.procs.gui.catalogue import TIMELINE
 from trocar.procs.gui.pages.assets import assets, script
@@ -117,6 +118,8 @@ def _bar(document: SystemConfig, here: str) -> None:
             for name, path in pages_of(document):
                 Part("a", "here" if _is_at(here, path) else "", name, href=path)
         box("spacer")
+        if any(io.calibration_mode for io in document.ios):
+            Part("span", "badge warns", "calibration mode", title=CALIBRATION_MODE, role="status")
         if document.clock != WALL:
             Part("span", "badge", "simulated time", title="Boards are emulated, or arms have no robot")
         Part("span", "lost", "not connected", role="status")

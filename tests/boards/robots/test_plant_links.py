@@ -107,6 +107,20 @@ def test_an_si_arm_that_fell_lies_firmly_on_its_stops(kind: str) -> None:
     assert plant.position[2] == pytest.approx(insertion.upper + MARGIN_SLIDE, abs=1e-4)
 
 
+@pytest.mark.parametrize("kind", ["PSM", "ECM"])
+def test_a_hand_carries_an_si_arm_however_long_it_takes_until_its_next_motion(kind: str) -> None:
+    plant = si(kind, -0.7, endoscope=1.8)
+    plant.support(kind, True)
+    for share in (0.2, 0.3):
+        goal = plant.position + share * np.array((0.3, 0.2, 0.05, 0.3, -0.1, 0.2, 0.2))[: plant.axes]
+        plant.place(kind, goal)
+        run(plant, np.zeros(plant.axes), 2000)
+        np.testing.assert_allclose(plant.position, goal, atol=1e-4)
+    plant.support(kind, False)
+    run(plant, np.zeros(plant.axes), 200)
+    assert abs(plant.position - goal).max() > 0.01
+
+
 @pytest.mark.parametrize(("kind", "tool"), [("PSM", ""), ("PSM", LND_SI), ("PSM", SNAKE), ("ECM", "")])
 def test_si_arms_follow_and_settle_under_their_stock_gains(kind: str, tool: str) -> None:
     plant = si(kind, -0.7, tool, endoscope=1.8)

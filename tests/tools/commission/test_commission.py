@@ -183,7 +183,6 @@ def test_a_stage_that_has_nothing_to_write_leads_to_the_next_one(kinematic, tmp_
     kinematic["currents"] = Outcome()
     assert _run(file=tmp_path / "system-PSM1.json").exit_code == 0
     assert ran == ["scan", "read", "power", "currents", "tables"]
-    assert f"emulation.robots.PSM1.{verb.HELD}" in jobs[-1].request.sets
 
 
 def test_no_arm_homes_in_calibration_mode(kinematic) -> None:

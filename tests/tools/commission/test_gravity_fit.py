@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests import stock
 from trocar.procs.document.arms import MASS_TERMS, MasterGravityParameters
-from trocar.tools.commission import gravity_fit
+from trocar.tools.commission import gravity, gravity_fit
 from trocar.tools.commission.gravity import FIELDS
 from trocar.tools.commission.gravity_fit import HeldPoses
 
@@ -79,3 +80,14 @@ def test_sweeps_stay_within_the_limits_of_the_arm_and_are_mirrored() -> None:
                                                                                         np.full(7, 9.0))
                                   if sweep.joint == 0] for side in (True, False))
     assert right_out == pytest.approx(-left_out[::-1])
+
+
+def test_a_countdown_shows_how_many_steps_are_left_and_for_how_long() -> None:
+    lines: list[str] = []
+    bench = SimpleNamespace(person=SimpleNamespace(progress=lines.append))
+    count = gravity.Countdown(bench, "MTML: pose", 3)  # type: ignore[arg-type]
+    for _ in range(3):
+        count.next()
+    assert lines[0] == "MTML: pose 1 of 3"
+    assert [line.partition(", about ")[0] for line in lines[1:]] == ["MTML: pose 2 of 3", "MTML: pose 3 of 3"]
+    assert all(line.endswith(" left") for line in lines[1:])

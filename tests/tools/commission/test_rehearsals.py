@@ -96,6 +96,16 @@ def test_a_potentiometer_far_outside_the_limits_is_that_of_other_files() -> None
     assert "allowed: -1.203 to 1.203 rad; are the files this arm's?" in str(found)
 
 
+def test_a_master_s_roll_may_be_where_its_potentiometer_reads_nothing() -> None:
+    bench = RigBench("demo-mtm.yaml")
+    window, subject = bench.sample("IO1", 0.1), bench.subjects[0]
+    roll = subject.axes.stop - 1
+    window.fields["pot_voltage"][:, roll] = 0.0
+    assert read.judge_rest(window, subject) == []
+    window.fields["pot_voltage"][:, roll - 1] = 0.0
+    assert f"{subject.title(5)}, board" in str(read.judge_rest(window, subject)[0])
+
+
 def test_a_noisy_potentiometer_has_a_bad_contact() -> None:
     bench = RigBench("demo.yaml", sets=["emulation.pot_noise_v=0.1"])
     assert "bad contact" in str(read.judge_rest(bench.sample("IO1", 0.5), bench.subjects[0])[0])

@@ -381,8 +381,9 @@ def test_typed_values_that_cannot_be_and_voltages_that_change_at_rest_are_refuse
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("at", range(3))
 @pytest.mark.parametrize("joint", range(6))
-def test_no_value_mistyped_by_more_than_the_page_says_passes(joint: int, at: int, sign: float) -> None:
-    arm = SetupSubject(Cart().cart, 1, 6)
+def test_no_value_mistyped_by_more_than_the_page_says_passes(
+        started: tuple[SetupRig, RememberedObjects], joint: int, at: int, sign: float) -> None:
+    arm = SetupSubject(started[0].cart.cart, 1, 6)
     pots = (arm.row.primary, arm.row.secondary)
     way = np.where(np.arange(6) == joint, MIN_WAY, 1.5 * np.array(MIN_WAY))  # shorter ways hide more
     for share in np.linspace(0.2, 0.8, 61):
@@ -401,8 +402,8 @@ def test_no_value_mistyped_by_more_than_the_page_says_passes(joint: int, at: int
         assert judge_poses(poses, arm) or judge_pots(poses, arm), (share, SHARE)
 
 
-def test_the_line_is_that_of_the_original() -> None:
-    cart = Cart().cart
+def test_the_line_is_that_of_the_original(started: tuple[SetupRig, RememberedObjects]) -> None:
+    cart = started[0].cart.cart
     poses = [MeasuredPose(np.radians(np.full(6, angle)), np.full((4, 2, 6), volts))
              for angle, volts in ((-90.0, 0.75), (90.0, 3.75))]
     assert lines(poses, SetupSubject(cart, 1, 6))[0, 1] == pytest.approx((1.0471975512, -2.3561944902))
