@@ -340,7 +340,7 @@ class RecordingReader(Closable):
             body = self._file.read(length) if INDEX_HEAD <= length <= MAX_RECORD else b""
             if len(body) < length or (length - INDEX_HEAD) % 16:
                 return None
-            found[int.from_bytes(body[:2], "little")] = np.frombuffer(body, "<i8", -1, INDEX_HEAD).reshape(-1, 2)
+            found[int.from_bytes(body[:2], "little")] = np.frombuffer(body, np.int64, -1, INDEX_HEAD).reshape(-1, 2)
         return None
 
     def close(self) -> None:
