@@ -21,6 +21,8 @@ DATES = {
     "procs/ros_bridge/loop.py": "its library waits by the time of day",
     "tools/from_ros/arm.py": "delays of messages, whose stamps are of it",
     "tools/from_ros/remote_commands.py": "stamps for other programs",
+    "procs/gui/browsers.py": "what pages show",
+    "procs/gui/past.py": "times that a page goes back to",
     "procs/recorder/sources.py": "dates of records",
     "tools/monitor/app.py": "what a graph shows",
     "tools/systems/dumping.py": "the name of a file",
