@@ -27,6 +27,7 @@ from trocar.procs.arm.states import WALLED
 from trocar.procs.arm.supervision import Generations
 from trocar.procs.arm.walls import Walls
 from trocar.procs.document.system import ArmConfig
+from trocar.procs.document.walls import AT_WALL
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.requests import ANSWERED, CommandRefused
 from trocar.procs.node.streams import JAW, StreamKind, Streams
@@ -235,8 +236,8 @@ class Control(ArmReports):
             if wall:
                 velocity[...] = 0.0
         if wall:
-            self.report_episode(codes.AT_WALL, f"at wall {wall}")
-            text = "; ".join(filter(None, (text, f"at wall {wall}")))
+            self.report_episode(codes.AT_WALL, AT_WALL + wall)
+            text = "; ".join(filter(None, (text, AT_WALL + wall)))
         self.motion.space = space
         self._end_efforts()
         self.motion.servo(self.goal, velocity, self.now_ns, jaw_moves=self._leave_jaw())

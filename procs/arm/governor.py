@@ -52,7 +52,8 @@ class Governor:
 
     `clip` is for walls: from the last setpoint, the one of this cycle, which it may change in place, the least and
     largest change of each joint (2, size) in it, and its time in s, it returns whether it changed it; of the newest
-    cycle, `clipped`.
+    cycle, `clipped`. `slow`: from the last setpoint, the one of this cycle, and its time in s, how much of that step a
+    move may take before another arm; `meets`: whether `clip` is to be called, which takes longer.
     """
 
     def __init__(self, of: Motion, speed: Array, acceleration: Array, lower: Array, upper: Array) -> None:
@@ -63,6 +64,8 @@ class Governor:
         self.size = len(speed)
         self.rate, self.behind, self.most = np.zeros(self.size), np.zeros(self.size), np.zeros(1)
         self.clip: Callable[[Array, Array, Array, float], bool] | None = None
+        self.meets: Callable[[Array, Array, float], bool] = lambda before, goal, seconds: True
+        self.slow: Callable[[Array, Array, float], float] | None = None
         self.clipped = False
         self._advance, self._measure = chosen(GOVERNOR, self)
 
@@ -90,12 +93,14 @@ class Governor:
         dt = passed_ns * 1e-9
         if self.clip is None:
             return self._advance(dt, has_feed) != 0
-        before, gain = self.goal.copy(), self.acceleration * dt
-        low = np.maximum(np.minimum(self.rate, 0.0) - gain, -self.speed)
-        high = np.minimum(np.maximum(self.rate, 0.0) + gain, self.speed)
+        before, rate = self.goal.copy(), self.rate.copy()
         moves = bool(self._advance(dt, has_feed))
-        advanced = self.goal.copy()
-        self.clipped = self.clip(before, self.goal, np.stack((low, high)) * dt, dt)
+        self.clipped = False
+        if self.meets(before, self.goal, dt):
+            advanced, gain = self.goal.copy(), self.acceleration * dt
+            low = np.maximum(np.minimum(rate, 0.0) - gain, -self.speed)
+            high = np.minimum(np.maximum(rate, 0.0) + gain, self.speed)
+            self.clipped = self.clip(before, self.goal, np.stack((low, high)) * dt, dt)
         if self.clipped:
             changed, rate = self.goal != advanced, (self.goal - before) / dt
             np.copyto(self.rate, rate, where=changed)

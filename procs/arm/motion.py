@@ -24,6 +24,7 @@ from trocar.procs.node.streams import STREAM_NS
 
 NO_STEP: Final = np.zeros((2, 0))
 WOKEN_STEP_NS = 2_000_000  # when a motion begins: the process of an arm at rest has slept since its last step
+ENDED = 0.01  # of the speed of a move: slower than that before another arm, it has ended
 FORGOTTEN_NS = 1_000_000_000  # a goal that a wall holds back for so long after its stream is not reached later either
 
 
@@ -75,7 +76,7 @@ class Motion:
         """While the others follow a stream, the jaw moves."""
         self.stopped = False
         """A wall ended the move of the last cycle."""
-        self._stepped_ns, self._rested = 0, True
+        self._stepped_ns, self._rested, self._pace = 0, True, 1.0  # the share of its speed that a move has, see _slow
         self.use(joints)
 
     def use(self, joints: JointSpace) -> None:
@@ -168,9 +169,8 @@ class Motion:
         in progress; on a refusal nothing changes.
         """
         if self.moving:
-            self._evaluate(now_ns)
             streams = self.jaw_streams and not jaw
-            reason = self._plan(target, now_ns, streams)
+            reason = self._plan_again(target, now_ns, streams)
             if not reason:
                 self.target[...] = target
                 self.jaw_streams = streams
@@ -248,8 +248,7 @@ class Motion:
         """New ratios, in ]0, 1]; they apply to the rest of a running move."""
         self.ratio_v, self.ratio_a = v, a
         if self.moving:
-            self._evaluate(now_ns)
-            self._plan(self.target, now_ns, self.jaw_streams)  # should it fail, the move continues unchanged
+            self._plan_again(self.target, now_ns, self.jaw_streams)  # should it fail, the move continues unchanged
         elif self.jaw_moves:
             self.move_jaw(self.jaw_goal, now_ns)
 
@@ -266,8 +265,8 @@ class Motion:
                 self._jaw_governor.step(passed_ns, has_feed=False)
             self._advance(now_ns)
             clip = self.governor.clip  # since the last cycle, a command may have taken the setpoint further, too
-            if clip is not None and clip(self._last, self.goal, NO_STEP, 0.0):
-                self.hold(self.goal.copy())
+            if not self._slow(now_ns, passed_ns) or (clip is not None and clip(self._last, self.goal, NO_STEP, 0.0)):
+                self.hold(self._last.copy())
                 self.stopped = True
             return
         if self.has_velocity and now_ns - self._served_ns >= STREAM_NS:
@@ -284,6 +283,23 @@ class Motion:
             self.settled = not self.governor.step(passed_ns, has_feed=self.has_velocity)
             if self.governor.clipped and (self.drifting or now_ns - self._served_ns >= FORGOTTEN_NS):
                 self.target[self._arm] = self.goal[self._arm]  # not there later by itself, when the wall has gone
+
+    def _slow(self, now_ns: int, passed_ns: int) -> bool:
+        """Before another arm, the time of the trajectory passes more slowly; False: it has come to an end there.
+
+        Afterwards the joints get faster by their acceleration, besides that of the trajectory.
+        """
+        slow = self.governor.slow
+        if not self.moving or (slow is None and self._pace == 1.0):
+            return True
+        share = 1.0 if slow is None else slow(self._last, self.goal, passed_ns * 1e-9)
+        if min(share, self._pace) < 1.0:
+            joints = slice(0, -1 if self.jaw_streams else None)
+            needed_s = float((np.abs(self.velocity) / (self._a_max * self.ratio_a))[joints].max()) / self._pace
+            self._pace = min(share, 1.0, self._pace + passed_ns * 1e-9 / max(needed_s, 1e-9))
+            self._start_ns = min(self._start_ns + round((1.0 - self._pace) * passed_ns), now_ns)
+            self._evaluate(now_ns)
+        return share > ENDED
 
     def _drift(self, passed_ns: int) -> None:
         target, velocity = self.target, self.feed_velocity
@@ -350,10 +366,22 @@ class Motion:
     def _evaluate(self, now_ns: int) -> None:
         jaw = self.goal[-1]
         self._trajectory.evaluate((now_ns - self._start_ns) * 1e-9, self.goal, self.velocity)
+        self.velocity *= self._pace
         if self.jaw_streams:
             self.goal[-1], self.velocity[-1] = jaw, self.governor.rate[-1]
         elif self._has_jaw:
             self.governor.rate[-1] = self.velocity[-1]  # from where a stream of the jaw begins
+
+    def _plan_again(self, target: Array, now_ns: int, jaw_streams: bool) -> str:
+        """Plan a running move from where it is now, at the speed it has."""
+        before_ns = self._start_ns
+        if self._pace < 1.0:
+            self._start_ns += round((1.0 - self._pace) * (now_ns - self._stepped_ns))
+            self._trajectory.forget()  # its acceleration is not that of the setpoint
+        self._evaluate(now_ns)
+        if reason := self._plan(target, now_ns, jaw_streams):
+            self._start_ns = before_ns
+        return reason
 
     def _plan(self, target: Array, now_ns: int, jaw_streams: bool) -> str:
         v_max, a_max = self._v_max * self.ratio_v, self._a_max * self.ratio_a
@@ -365,7 +393,7 @@ class Motion:
         error = self._trajectory.start(self.goal, velocity, target, v_max, a_max, 0.0)
         if error is not None:
             return error.value
-        self._start_ns = now_ns
+        self._start_ns, self._pace = now_ns, 1.0
         self._duration_ns = round(self._trajectory.duration * 1e9)
         self.has_velocity = True
         return ""

@@ -48,6 +48,8 @@ class Neighbour:
         self.is_related = False
         """How the bases of both arms are related is known, and has not changed."""
         self.why, self.late = "not looked at yet", ""
+        self.has_gone = False
+        """The other arm was near, and has no instrument now."""
 
     def follow(self, now_ns: int, own: Cartesian, local: str) -> bool:
         """Move the walls to where the other arm is now; returns whether `why` has changed. `local`: our own name."""
@@ -68,6 +70,7 @@ class Neighbour:
     def _fill(self) -> None:
         other, limits = self.other, self._limits
         limits.guards[self.places] = 0
+        self.has_gone = other.body is None and float(limits.value[self.places].min(initial=np.inf)) < limits.NEAR
         self._body, self._moved, self.sampled_ns, self.why = other.body, None, 0, "not looked at yet"
         if other.space is None or other.body is None or other.space.kinematics is None:
             self.places = slice(self._first, self._first)

@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.context import ArmContext
+from trocar.procs.arm.given_wall import WORDS, wall_of
 from trocar.procs.arm.governor import Governor
 from trocar.procs.arm.joints import JointSpace, body_of
 from trocar.procs.arm.neighbours import SEGMENTS, Neighbour, Neighbours
 from trocar.procs.arm.reports import REPORT_NS, ArmReports
 from trocar.procs.document.system import ArmConfig
-from trocar.procs.document.walls import ARMS, BASE, FRAMES, HOLD, PARTS, REFERENCE, SHAPES, SIDES, SIZES, Wall
+from trocar.procs.document.walls import ARMS, BASE, HOLD, REFERENCE, Wall
 from trocar.procs.kinematics.poses import Array, pose_from_matrix
 from trocar.procs.kinematics.walls.recorded import recorded_walls
 from trocar.procs.kinematics.walls.walls import MOST, SLOWING_S, ArmWalls, objection_to, pose_of
@@ -29,12 +30,10 @@ from trocar.procs.node.requests import ANSWERED, CommandRefused
 from trocar.procs.tables import codes
 from trocar.shm.mailbox.received import Request
 
-POSE: Final = 7
 GAP_NS: Final = 30_000_000  # between goals of a stream
 SHOWN_NS: Final = 33_000_000
 NEAR_S: Final = 0.02
 """A stream that was stopped by a wall has caught up when its goal is so near, in s at the largest speed."""
-WORDS: Final = (*SIDES, *PARTS, *FRAMES)
 MAX_FRAME: Final = 24
 """Bytes: of the name of a frame in the record, from which a restarted process has the wall."""
 
@@ -72,8 +71,8 @@ class Walls:
                     self._kept.append(kept)
         self._limits: ArmWalls | None = None
         self._is_arranged = self._is_placed = self._keeps = self._is_followed = False
-        self._held = self._reported = ""
-        """The wall that holds the arm because it is not known where it is; the unknown ones that were reported."""
+        self._held = self._reported = self._slowed_by = ""
+        """The wall of unknown place that holds the arm; the unknown ones that were reported; what slows a move now."""
         self._count = self._now_ns = self._allowed_ns = 0
         self._wanted: Array | None = None
         """The joints (count,) of the last goal of a stream from which a wall keeps the arm."""
@@ -97,7 +96,7 @@ class Walls:
 
     def place(self, governor: Governor) -> None:
         """Put all walls where they are now: they have changed, or the base frame has."""
-        governor.clip = self.clip if self._kept else None
+        governor.clip, governor.meets = self.clip if self._kept else None, self.meets
         if not self._kept and not self._is_placed:
             return
         self._is_placed = bool(self._kept)
@@ -119,12 +118,13 @@ class Walls:
                 if not own.base_known:
                     limits.drop(place)
         self._neighbours.own_base_moved()
+        governor.slow = self.slow if self._neighbours.rows else None
         self._is_followed = False
         self._settle()
 
     def begin(self, now_ns: int) -> None:
         """A new cycle: other arms may have moved."""
-        self._now_ns, self._is_followed = now_ns, False
+        self._now_ns, self._is_followed, self._slowed_by = now_ns, False, ""
 
     def _follow(self) -> None:
         """Before anything in a cycle that needs the walls: those that move with other arms are where these are now."""
@@ -154,6 +154,13 @@ class Walls:
             self._reported = unknown
             if unknown:
                 self._reports.report(codes.WALL_OFF, unknown, REPORT_NS)
+
+    def _report_gone(self) -> None:
+        if gone := [row for row in self._neighbours.rows if row.has_gone and self._is_on()]:
+            text = "; ".join(f"{row.wall.name}: {row.other.name} has no instrument now" for row in gone)
+            self._reports.report(codes.OTHER_ARM_GONE, text, REPORT_NS)
+        for row in gone:
+            row.has_gone = False
 
     @property
     def names(self) -> list[str]:
@@ -209,6 +216,16 @@ class Walls:
             return None
         return np.asarray(np.abs(goal[:n] - self._wanted) / self._speed)
 
+    def meets(self, before: Array, goal: Array, seconds: float) -> bool:
+        """Whether `clip` may change this setpoint."""
+        limits, n = self._limits, self._count
+        if limits is not None and self.guards and not self._held:
+            limits.before[...], limits.goal[...] = before[:n], goal[:n]
+            if not limits.meets(min(1.0, seconds / SLOWING_S)):
+                self.stopped_by = "" if self._wanted is None else self.stopped_by
+                return False
+        return True
+
     def clip(self, before: Array, goal: Array, step: Array, seconds: float) -> bool:
         """Bound the setpoint `goal` (size,) of a cycle of so many seconds, in which joints change by `step` (2, size)
         at least and at most; returns whether it changed. 0 seconds: a point of a move, which only stops.
@@ -226,8 +243,17 @@ class Walls:
             name = self._name_of(limits.keep(min(1.0, seconds / SLOWING_S), 1))
         if name:
             goal[:n] = limits.goal
-        self.stopped_by = name or ("" if self._wanted is None else self.stopped_by)
+        self.stopped_by = name or self._slowed_by or ("" if self._wanted is None else self.stopped_by)
         return bool(name)
+
+    def slow(self, before: Array, goal: Array, seconds: float) -> float:
+        """How much of the step of a move, of so many seconds, is slow enough before other arms."""
+        limits, n = self._limits, self._count
+        if limits is None or self._held or not self.guards:
+            return 1.0
+        limits.before[...], limits.goal[...] = before[:n], goal[:n]
+        self.stopped_by = self._slowed_by = self._name_of(limits.slow(min(1.0, seconds / SLOWING_S)))
+        return limits.share.item()
 
     def objection(self, here: Array, goal: Array) -> str:
         """Why a move from `here` to `goal` (size,) would cross a wall; "": it does not."""
@@ -287,7 +313,7 @@ class Walls:
         return True
 
     def add(self, request: Request) -> None:
-        """A wall from now on: its name, shape and other words in the text; pose, size and margin in the values."""
+        """A wall from now on, see `wall_of`."""
         wall = wall_of(request.text, request.values)
         if not self._has_frame(wall) or len(wall.frame.encode()) > MAX_FRAME:
             raise CommandRefused(f"{wall.frame}: allowed are {', '.join(WORDS)}, and the name of another PSM or ECM")
@@ -331,6 +357,7 @@ class Walls:
         self._shown_ns = now_ns
         self._follow()
         self._report_unknown()
+        self._report_gone()
         least: Array = np.full(MOST, math.nan)
         if limits is not None:
             limits.goal[...] = here[: self._count]
@@ -365,26 +392,6 @@ class Walls:
             field("size")[place, : len(wall.size)] = wall.size
             field("margin")[place] = wall.margin
             field("by_command")[place], field("active")[place] = kept.by_command, kept.active
-
-
-def wall_of(text: str, values: Array) -> Wall:
-    """The wall of a command; CommandRefused with what is wrong."""
-    words = text.split()
-    if len(words) < 2 or words[1] not in SHAPES:
-        raise CommandRefused(f"a name and a shape are needed first; shapes: {', '.join(SHAPES)}")
-    name, shape, *others = words
-    if len(unknown := [word for word in others if word not in WORDS]) > 1:
-        raise CommandRefused(f"{', '.join(unknown)}: allowed are {', '.join(WORDS)}")
-    needed = SIZES[shape]
-    if not POSE + needed <= len(values) <= POSE + needed + 1:
-        raise CommandRefused(f"a {shape} needs {POSE + needed} numbers, and may have its margin after them")
-    size, margin = values[POSE : POSE + needed], values[POSE + needed :]
-    wall = Wall(name, shape, tuple(values[:3].tolist()), tuple(values[3:POSE].tolist()), tuple(size.tolist()),
-                margin=float(margin[0]) if len(margin) else 0.0)
-    for word in others:
-        wall = (replace(wall, keep=word) if word in SIDES else replace(wall, of=word) if word in PARTS
-                else replace(wall, frame=word))
-    return wall
 
 
 def _added_before(field: Fields, arm: ArmConfig) -> list[KeptWall]:

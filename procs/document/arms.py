@@ -190,6 +190,8 @@ class ArmConfig:
         float, Key(0.0, 5.0, "times the usual zones of the soft walls at joint limits; 0: none")] = 1.0
     jaw_length: Annotated[
         float, Key(0.0, 0.1, "m, for walls: of jaws, from their hinge, which is the tip of the kinematics")] = 0.02
+    wall_force: Annotated[
+        float, Key(0.0, 5.0, "N of a master on the hand when a wall stops its PSM, at most; 0: none")] = 0.0
     walls: tuple[Wall, ...] = ()
     meshes: tuple[MeshLink, ...] = ()  # of a checkout of dvrk_model, parents first
     source: str = ""

@@ -45,6 +45,7 @@ class TeleopPsmConfig:
     mtm_is_haptic: Annotated[bool, Key(name="MTM_is_haptic")] = True
     base_frame_from: str = ""
     base_frame_interface: str = ""
+    wall_force: float = 0.0  # N, see ArmConfig
     wrench_timeout_s: float = 0.1  # a master's wrench ends unless it is repeated within this time; 0: never
 
     @property

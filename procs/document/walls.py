@@ -16,6 +16,7 @@ TIP, JAW, SHAFT, INSTRUMENT = PARTS = ("tip", "jaw", "shaft", "instrument")
 OUT, IN = SIDES = ("out", "in")
 BASE, REFERENCE = FRAMES = ("base", "reference")
 OFF, HOLD = UNKNOWN = ("off", "hold")
+AT_WALL: Final = "at wall "  # before its name, in the answer to a goal of a stream
 FARTHEST, WIDEST = 10.0, 0.1  # m: of places and sizes, of margins
 NAMED: Final = r"^[A-Za-z0-9_-]{1,24}$"
 _FRAME_TEXT: Final = "base, reference, or the name of a PSM or ECM: the frame of its tip"

@@ -15,13 +15,13 @@ static void frame_along(const double *place, const double *z, double *f) {
   for (int r = 0; r < 3; r++) f[4 * r] = x[r], f[4 * r + 1] = y[r], f[4 * r + 2] = z[r], f[4 * r + 3] = place[r];
 }
 
-/* Moves walls to where another arm is measured; returns 0, and leaves them, if that is not a number. */
+/* Moves walls to where another arm is measured; returns 0, and leaves them, if that cannot be. */
 int64_t MovedWalls_follow(const MovedWalls *k) {
   double q[k->n], frames[k->n][12], points[k->p][3], tip[12], back[12], to[12], f[12];
   const Links links = LINKS(k);
   for (int64_t i = 0; i < k->n; i++) {
     q[i] = dot(k->to_joint + k->axes * i, k->position, k->axes);
-    if (!isfinite(q[i])) return 0;
+    if (!(k->least[i] <= q[i] && q[i] <= k->most[i])) return 0;
   }
   joint_frames(&links, q, frames);
   product(frames[k->n - 1], k->end, tip);

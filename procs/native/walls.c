@@ -261,6 +261,30 @@ static void towards(const Walls *k, double (*frames)[12], const double *goal, co
   if (!solve(copy, step, m)) memset(step, 0, sizeof(double) * m);
 }
 
+/* How near each pair may come, `least` (w, s), from where it is `found`. */
+static void allowed(const Walls *k, double share, int64_t is_step, const Nearest *found, double *least) {
+  for (int64_t i = 0; i < k->w * k->s; i++) {
+    double value = found[i].value;
+    least[i] = value <= 0.0 ? value : is_step && value < k->near ? value * (1.0 - share * k->pace[i / k->s]) : 0.0;
+  }
+  grouped(k, least);
+}
+
+/* The first pair that comes nearer than it may, `least` (w, s), on the way to `goal`, plus 1; 0: none. */
+static int64_t met(const Walls *k, double share, int64_t is_step, double *least, Nearest *found) {
+  double frames[k->n][12], points[k->p][3], at;
+  look_at(k, k->before, k->near, frames, points, found);
+  allowed(k, share, is_step, found, least);
+  return blocked(k, k->before, k->goal, least, 0.25 * k->samples, 0.0, found, k->share, &at);
+}
+
+/* Whether `keep` would change the step of a cycle. */
+int64_t Walls_meets(const Walls *k, double share) {
+  double least[k->w * k->s];
+  Nearest found[k->w * k->s];
+  return met(k, share, 1, least, found);
+}
+
 /* Put `goal` where the tip is nearest to it without a pair coming nearer than it may; the pair that stops it, plus 1. */
 int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
   int64_t n = k->n, m = k->m, pairs = k->w * k->s, why;
@@ -269,13 +293,7 @@ int64_t Walls_keep(const Walls *k, double share, int64_t is_step) {
   double a[(pairs + 2 * n) * m], b[pairs + 2 * n];
   int64_t of[pairs + 2 * n];
   Nearest found[pairs];
-  look_at(k, k->before, k->near, frames, points, found);
-  for (int64_t i = 0; i < pairs; i++) {
-    double value = found[i].value;
-    least[i] = value <= 0.0 ? value : is_step && value < k->near ? value * (1.0 - share * k->pace[i / k->s]) : 0.0;
-  }
-  grouped(k, least);
-  why = blocked(k, k->before, k->goal, least, samples, 0.0, found, k->share, &at);
+  why = met(k, share, is_step, least, found);
   if (!why) return 0;
   for (int64_t i = 0; i < n; i++) {
     low[i] = least_of(k->lower[i], k->before[i]), high[i] = most_of(k->upper[i], k->before[i]);
@@ -337,6 +355,23 @@ int64_t Walls_way(const Walls *k) {
   grouped(k, least);
   double at;
   return blocked(k, k->before, k->goal, least, k->samples, k->along, found, k->share, &at);
+}
+
+/* How much of the step of a move to `goal` is slow enough before other arms, into `share`; the pair that asks for it, plus 1. */
+int64_t Walls_slow(const Walls *k, double share) {
+  double frames[k->n][12], points[k->p][3], least[k->w * k->s];
+  Nearest found[k->w * k->s], then[k->w * k->s];
+  look_at(k, k->before, k->near, frames, points, found);
+  look_at(k, k->goal, k->near, frames, points, then);
+  allowed(k, share, 1, found, least);
+  int64_t why = 0;
+  *k->share = 1.0;
+  for (int64_t i = 0; i < k->w * k->s; i++) {
+    double value = found[i].value, most = value - least[i], nearer = value - then[i].value;
+    if (k->group[i / k->s] >= 0 && value > 0.0 && value < k->near && most < *k->share * nearer)
+      *k->share = most / nearer, why = i + 1;
+  }
+  return why;
 }
 
 /* Distances at `goal` into `value` (w, s). */

@@ -30,7 +30,7 @@ WALLS: Final = CStruct("Walls", (
     *rows("f8", "w", margin="margin", pace="pace"),
     *rows("f8", "w s", value="value"),
     *rows("f8", "1", share="share"),
-), {"keep": ("f8", "i8"), "way": (), "look": (), "push": ()})
+), {"keep": ("f8", "i8"), "way": (), "look": (), "push": (), "slow": ("f8",), "meets": ("f8",)})
 """From `trocar.procs.kinematics.walls.walls.ArmWalls`."""
 
 MOVED: Final = CStruct("MovedWalls", (
@@ -39,6 +39,7 @@ MOVED: Final = CStruct("MovedWalls", (
     *rows("i8", "", axes="axes", p="p", s="s", t="t", hangs="hangs"),
     *rows("f8", "n axes", to_joint="to_joint"),
     *rows("f8", "axes", position="position"),
+    *rows("f8", "n", least="least", most="most"),
     *rows("i8", "p", of="body.of"),
     *rows("f8", "p 3", place="body.place"),
     *places("s", "p", starts="starts", stops="stops"),

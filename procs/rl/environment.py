@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any, ClassVar, Final, Self
 
@@ -14,7 +15,7 @@ from gymnasium.utils import EzPickle
 
 from trocar.procs.kinematics.poses import Array, turned
 from trocar.procs.rl.attached import AttachedRobot, RunningSystem
-from trocar.procs.rl.backend import ATTACHED, BACKENDS, KINEMATIC, RobotBackend, RobotStopped, WrongAction
+from trocar.procs.rl.backend import ATTACHED, BACKENDS, BOARDS, KINEMATIC, RobotBackend, RobotStopped, WrongAction
 from trocar.procs.rl.hosted import PERIOD_S, HostedRobot, document
 from trocar.procs.rl.model import STARTS
 from trocar.procs.rl.picture import Picture
@@ -71,12 +72,13 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     def __init__(self, *, backend: str | RunningSystem = KINEMATIC, control: str = CARTESIAN, reward: str = DENSE,
                  policy_hz: int = 20, stream_hz: int = 100, horizon: int = 100, speed: float = 0.2,
                  tolerance_m: float = 0.005, noise_m: float = 0.0, starts: int = STARTS, period_s: float = PERIOD_S,
-                 physics_s: float = PERIOD_S, render_mode: str | None = None, width: int = 480,
-                 height: int = 360) -> None:
+                 physics_s: float = PERIOD_S, walls: Sequence[Mapping[str, Any]] = (),
+                 render_mode: str | None = None, width: int = 480, height: int = 360) -> None:
         """ValueError names invalid arguments. `backend`: "kinematic", "boards", "attached" or a `RunningSystem`.
 
         `horizon`: steps of an episode; `speed`: fraction of the arm's own velocity limits; `noise_m`: standard
-        deviation of the noise on observed positions; `starts`: number of start poses.
+        deviation of the noise on observed positions; `starts`: number of start poses; `walls`: with the keys of a
+        system file.
         """
         _one_of("control", control, CONTROLS)
         _one_of("reward", reward, (DENSE, SPARSE))
@@ -93,7 +95,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         self.render_mode, self.horizon, self.tolerance_m, self.noise_m = render_mode, horizon, tolerance_m, noise_m
         self.period_s, self._tick_ns = 1.0 / policy_hz, NS // stream_hz
         self._is_sparse, self._size, self._starts_count = reward == SPARSE, (width, height), starts
-        self.robot = self._robot(backend, period_s, physics_s)
+        self.robot = self._robot(backend, period_s, physics_s, walls)
         models = self.robot.models
         self._steering = [Steering(model, control, speed, self.period_s) for model in models]
         self._lines = [Interpolator(steering, stream_hz // policy_hz) for steering in self._steering]
@@ -116,7 +118,10 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         self._has_begun = self._is_closed = False
         self._picture: Picture | None = None
 
-    def _robot(self, backend: str | RunningSystem, period_s: float, physics_s: float) -> RobotBackend:
+    def _robot(self, backend: str | RunningSystem, period_s: float, physics_s: float,
+               walls: Sequence[Mapping[str, Any]]) -> RobotBackend:
+        if walls and backend not in (KINEMATIC, BOARDS):
+            raise ValueError("walls: those of a running system are its own, of its file or added by commands")
         if isinstance(backend, RunningSystem):
             return AttachedRobot(backend, self.TYPE, self.ARMS, self.JAWS)
         _one_of("backend", backend, BACKENDS)
@@ -124,7 +129,8 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
             return AttachedRobot(RunningSystem(), self.TYPE, self.ARMS, self.JAWS)
         if backend not in self.FILES:
             raise ValueError(f"{type(self).__name__} has no backend {backend}; it has {', '.join(self.FILES)}")
-        return HostedRobot(document(self.FILES[backend], backend, period_s, physics_s), self.ARMS, self.JAWS)
+        return HostedRobot(document(self.FILES[backend], backend, period_s, physics_s,
+                                     json.dumps(list(walls)) if walls else ""), self.ARMS, self.JAWS)
 
     def _named(self) -> tuple[str, ...]:
         names: list[str] = []
@@ -268,10 +274,11 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
 
     def _info(self) -> Info:
         refused = "; ".join(f"{link.name}: {link.refusal}" for link in self.robot.links if link.refusal)
+        walls = "; ".join(f"{link.name}: {link.wall}" for link in self.robot.links if link.wall)
         distance = float(self.distance(self.truly_achieved(), self.goal))
         return {"is_success": distance < self.tolerance_m and not self._fault, "distance_m": distance,
                 "state": ", ".join(link.state for link in self.robot.links), "fault": self._fault, "refused": refused,
-                "time_s": self.steps * self.period_s}
+                "at_wall": walls, "time_s": self.steps * self.period_s}
 
     def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: object) -> Any:
         """Rewards (...) of goals (..., GOAL): minus their distance in m, or, sparse, 0 where it is reached, else −1."""

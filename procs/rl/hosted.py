@@ -34,22 +34,24 @@ FINEST_S: Final = 0.0005
 _numbers: Final = itertools.count()
 
 
-def document(file: str, backend: str, period_s: float, physics_s: float) -> SystemConfig:
+def document(file: str, backend: str, period_s: float, physics_s: float, walls: str = "") -> SystemConfig:
     """A system file of ours in simulated time, under a unique name in this process.
 
-    ValueError for invalid periods.
+    ValueError for invalid periods or `walls`, which are in YAML, as in a system file.
     """
     if not FINEST_S <= period_s <= COARSEST_S:
         raise ValueError(f"period_s is {period_s:g} s; allowed: {FINEST_S:g} to {COARSEST_S:g} s")
     if not FINEST_S <= physics_s <= COARSEST_S:
         raise ValueError(f"physics_s is {physics_s:g} s; allowed: {FINEST_S:g} to {COARSEST_S:g} s")
     name = f"rl{os.getpid()}x{next(_numbers)}"
-    return dataclasses.replace(_loaded(file, backend, period_s, physics_s), name=name)
+    return dataclasses.replace(_loaded(file, backend, period_s, physics_s, walls), name=name)
 
 
 @functools.lru_cache(maxsize=16)
-def _loaded(file: str, backend: str, period_s: float, physics_s: float) -> SystemConfig:
+def _loaded(file: str, backend: str, period_s: float, physics_s: float, walls: str) -> SystemConfig:
     sets = ["clock=lockstep", f"io.period_s={period_s}", f"arm.period_s={period_s}", "recorder.on=false"]
+    if walls:
+        sets.append(f"walls={walls}")
     if backend == BOARDS:
         sets.append(f"emulation.period_s={physics_s}")
     loaded = load_system(PROJECT_CONFIGS / "systems" / file, name="rl", sets=sets,

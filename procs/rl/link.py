@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from trocar.procs.crtk.plain import plain
+from trocar.procs.document.walls import AT_WALL
 from trocar.procs.kinematics.poses import Array
 from trocar.shm.mailbox.client import Client
 from trocar.shm.ring.ring import RingReader
@@ -29,8 +30,8 @@ class ArmLink:
         self._count = reader.field("count")
         self._ratio = reader.field("trajectory_ratio_v"), reader.field("trajectory_ratio_a")
         self.stamp_ns = 0
-        self.refusal = ""
-        """Why a command of ours was refused since `forget`; empty: none was refused."""
+        self.refusal = self.wall = ""
+        """Why a command of ours was refused since `forget`, and at which wall the arm was; empty: none."""
         self.refusals = 0
         """Number of consecutive refusals received."""
 
@@ -120,8 +121,8 @@ class ArmLink:
         return self._client.send(command, values, text)
 
     def forget(self) -> None:
-        """A step begins: earlier refusals no longer count."""
-        self.refusal = ""
+        """A step begins: earlier refusals and walls no longer count."""
+        self.refusal = self.wall = ""
 
     def hear(self, number: int = 0) -> str:
         """Read answers; returns the outcome of command `number`, if it has ended, else empty."""
@@ -129,6 +130,7 @@ class ArmLink:
         for reply in self._client.poll():
             if reply.outcome in REFUSED:
                 self.refusal, was_refused = self.refusal or reply.text or reply.outcome, True
+            self.wall = reply.text.partition(AT_WALL)[2] or self.wall
             if reply.id == number and reply.outcome != "accepted":
                 ended = reply.outcome
         self.refusals = self.refusals + 1 if was_refused else 0

@@ -225,6 +225,9 @@ WALL_OFF: Final = Code(
     "wall-off", WARNING, "arm",
     "the position of a wall is not known; the wall's key `unknown` decides whether the wall is off or the arm holds",
     "set the base frame, or home the setup joints")
+OTHER_ARM_GONE: Final = Code(
+    "other-arm-gone", WARNING, "arm", "an arm that a wall keeps this one away from was near, and has no instrument now",
+    "look whether the instrument is really out; until it is on again, nothing keeps this arm away from it")
 CLIPPED: Final = Code(
     "clipped", WARNING, "arm", "a goal was beyond the limits of a joint, and was clipped",
     "give goals within the joint limits")

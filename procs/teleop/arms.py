@@ -8,10 +8,12 @@ from typing import Final
 
 import numpy as np
 
+from trocar.procs.document.walls import AT_WALL
 from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import Fields, Input
 from trocar.procs.node.requests import STREAM_ENDED
 from trocar.procs.tables.codes import INVERSE_KINEMATICS
+from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.teleop.motion_check import MotionCheck
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.messages import Reply
@@ -20,7 +22,8 @@ from trocar.shm.ring.ring import RingReader
 SHOWN_NS: Final = 1_000_000_000  # how long a refusal is shown
 LIMIT_SHOWN_NS: Final = 100_000_000  # how long an unreached goal is shown: each goal is answered
 LIMITED: Final = ("at its limit", "clipped")  # beginnings of answers to goals that could not be reached
-AT_WALL: Final = "at wall "
+WRENCH_LASTS_S: Final = LATE_S  # forces on masters end by themselves when this process does
+IN_REFERENCE_FRAME: Final = 1.0
 JAW: Final = "jaw"  # at its limit whenever the gripper is wide open: not reported
 NO_FAULTS: Final = frozenset((INVERSE_KINEMATICS.code.encode(),))
 """Codes of errors about a command: it was refused, but the arm has no problem."""
@@ -74,7 +77,7 @@ class TeleopArm:
         self._goals: set[int] = set()
         self._refusal, self._refused_ns = "", -SHOWN_NS
         self._ended_ns = -SHOWN_NS
-        self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
+        self._limit, self._limited_ns, self._at_wall = "", -LIMIT_SHOWN_NS, False
         self.is_silent, self.fault, self.doubt = True, "", ""
         self.is_enabled = self.is_ready = self.has_pose = self.is_known = self._is_busy = False
         self.check = MotionCheck(name, self._pose, self.twist) if is_master else None
@@ -196,6 +199,11 @@ class TeleopArm:
         """Why the arm could not reach a recent goal, "": it could."""
         return self._limit if self._now_ns - self._limited_ns < LIMIT_SHOWN_NS else ""
 
+    @property
+    def is_at_wall(self) -> bool:
+        """Whether a wall keeps it from the newest goal that it has answered, a moment ago."""
+        return self._at_wall and bool(self.limit)
+
     def errors(self) -> list[str]:
         """Errors of the arm since the last call."""
         found = []
@@ -249,6 +257,7 @@ class TeleopArm:
             return  # some arms have no model of their weight
         if answer.id in self._goals:
             self._goals.discard(answer.id)
+            self._at_wall = AT_WALL in answer.text
             self.refuses_goals = answer.outcome in ("refused", "failed")
             if answer.text.partition(": ")[2].startswith(STREAM_ENDED):
                 self._ended_ns = self._now_ns

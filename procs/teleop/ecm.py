@@ -10,15 +10,12 @@ import numpy as np
 from trocar.procs.document.consoles import TeleopEcmConfig as Settings
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from trocar.procs.tables import codes
-from trocar.procs.tables.manifest import LATE_S
-from trocar.procs.teleop.arms import TeleopArm
+from trocar.procs.teleop.arms import IN_REFERENCE_FRAME, WRENCH_LASTS_S, TeleopArm
 from trocar.procs.teleop.camera import APART, Camera, outside, too_close
 from trocar.procs.teleop.teleop import StateRow, Teleop, TeleopContext
 from trocar.shm.operator_topics import TeleopState
 
 JOINTS: Final = 4
-WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when this process does
-IN_REFERENCE_FRAME: Final = 1.0
 MAX_STEP: Final = 0.1  # rad, m: no hands move a camera further in a cycle, but crossing hands turn it over
 MIN_APART: Final = 0.5 * APART  # m, while following: the masters' forces keep their distance
 NEW_TURN: Final = 1e-3  # rad, m: masters are turned again when a joint of the camera has moved by this much

@@ -13,15 +13,14 @@ from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import CommandRefused, Handler, switch
 from trocar.procs.tables import codes
-from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.tables.operator_waits import ALIGN_ONLY, CLUTCHED
-from trocar.procs.teleop.arms import BaseFrame, TeleopArm
+from trocar.procs.teleop.arms import WRENCH_LASTS_S, BaseFrame, TeleopArm
 from trocar.procs.teleop.teleop import StateRow, Teleop, TeleopContext
 from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
+from trocar.procs.teleop.wall_force import WallForce
 from trocar.shm.mailbox.received import Request
 from trocar.shm.operator_topics import TeleopState
 
-WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when this process does
 AGAIN_NS: Final = 500_000_000  # until a failed alignment of a master is repeated
 SAME_JAW: Final = 1e-6  # rad: already reached
 
@@ -51,6 +50,8 @@ class TeleopPsm(Teleop):
         self._aligned_ns = 0
         self._wrench: Array | None = None
         self._wrench_values = np.full(7, WRENCH_LASTS_S)
+        self._wall = WallForce(settings.wall_force if settings.mtm_is_haptic else 0.0)
+        self._pushes = False  # its last wrench was a force
         self._values = np.zeros(13)
         field = record.field
         self._goal_shown, self._jaw_shown, self._sent = field("goal_cp"), field("jaw_goal"), field("sent_ns")
@@ -103,7 +104,7 @@ class TeleopPsm(Teleop):
         return (self.following and self.state is self.desired is TeleopState.ENABLED and arms_are_fine
                 and not (self.clutched or self.reason or self.slave.limit or self.slave.refuses_goals
                          or self.was_refused or self.operator.absence or self.operator.is_silent)
-                and self._wrench is None and (self.base is None or self.base.pose is not None))
+                and self._wrench is None and not self._pushes and (self.base is None or self.base.pose is not None))
 
     def lose(self) -> None:
         self.forget_presence()
@@ -193,12 +194,13 @@ class TeleopPsm(Teleop):
         self.jaw.use(*(self._jaw_range(self._tool) or (0.0, self.settings.gripper_max)))
         self.begin_here()
         self._free_master(self.mapping.rotation_locked)
-        self._wrench = None
+        self._wrench, self._pushes = None, False
         self.follow(True)
 
     def begin_here(self) -> None:
         self.mapping.begin(self.master.measured, self.slave.setpoint, self._base_pose)
         self.jaw.begin(self.slave.jaw)
+        self._wall.forget()
 
     @property
     def _base_pose(self) -> Array | None:
@@ -212,15 +214,17 @@ class TeleopPsm(Teleop):
                 self.master.send("lock_orientation" if locked else "unlock_orientation")
 
     def _run_following(self) -> None:
-        master, slave = self.master, self.slave
+        master, slave, settings = self.master, self.slave, self.settings
         if self.desired is not TeleopState.ENABLED:
             self.go(self.desired)
         elif not self.clutched and self._may_follow() and self.takes_goals():
             self._send_goal()
-            if not self.settings.ignore_jaw:
+            if not settings.ignore_jaw:
                 self._send_jaw()
-            if self._wrench is not None and self.settings.mtm_is_haptic:
+            if self._wrench is not None and settings.mtm_is_haptic:
                 self._pass_wrench(self._wrench)
+            elif self._wall.most:
+                self._push_back()
             self._error_shown[...] = angle_between(master.measured, slave.setpoint)
             self.reason = slave.refusal or slave.limit or master.refusal
 
@@ -252,9 +256,23 @@ class TeleopPsm(Teleop):
         if abs(jaw - self.slave.jaw) > SAME_JAW:
             self.slave.send("jaw/servo_jp", (jaw,))
 
+    def _push_back(self) -> None:
+        """At a wall, push the hand back to where the slave is; away from it, end the force at once."""
+        wall, mapping = self._wall, self.mapping
+        if self.slave.is_at_wall and not mapping.translation_locked:
+            wall.push(mapping.ahead(self.slave.setpoint, self._base_pose), self.now_ns)
+        else:
+            wall.forget()
+        was_pushing, self._pushes = self._pushes, wall.is_on
+        if was_pushing or self._pushes:
+            self.master.send("body/servo_cf", wall.wrench)
+
     def _pass_wrench(self, wrench: Array) -> None:
-        """Pass a wrench to the master, as long as its sender repeats it."""
-        if self.now_ns >= self._wrench_end_ns and wrench.any():
+        """Pass a wrench to the master, as long as its sender repeats it; one of zeros once."""
+        self._wall.forget()
+        if not wrench.any():
+            self._wrench = None
+        elif self.now_ns >= self._wrench_end_ns:
             self._wrench = None
             self.master.let_go()
             text = f"no new wrench for {self.settings.wrench_timeout_s:g} s; the wrench has ended"
@@ -285,6 +303,7 @@ class TeleopPsm(Teleop):
     def _rebase(self) -> None:
         if self.following:
             self.mapping.rebase(self.master.measured, self._base_pose)
+            self._wall.forget()
         self._show_options()
 
     def rescale(self, scale: float) -> None:

@@ -78,6 +78,13 @@ class PoseMapping:
         self.offset = product(conjugate(turn), unit)
         return self.goal
 
+    def ahead(self, slave: Array, base: Array | None = None) -> tuple[float, float, float]:
+        """How far the master is ahead of the slave's setpoint, in the axes in which the master is measured."""
+        x, y, z = ((self.goal[:3] - slave[:3]) / self.scale).tolist()
+        if base is not None and self.first_base is not None:
+            x, y, z = turned(conjugate(self.first_base[3:]), turned(base[3:].tolist(), (x, y, z)))
+        return x, y, z
+
     def velocity(self, twist: Array, *, linear: bool, angular: bool) -> Sequence[float]:
         """The slave's twist (6) for the master's: linear scaled, angular unchanged; zero unless `linear`, `angular`.
 

@@ -12,7 +12,9 @@ import pytest
 from tests import stock
 from tests.arm.arm_configs import EYE, fixed_arm
 from tests.arm.fake_io import ArmHarness, Record
+from tests.arm.fake_requests import FakeRequest
 from tests.arm.test_ecm import ecm
+from tests.arm.test_governor import fastest, recording
 from tests.arm.test_psm import DEEP, at
 from tests.arm.test_walls import add, pose, push, tip
 from trocar.procs.arm.joints import joints
@@ -28,6 +30,12 @@ from trocar.shm.topics import ARM_STATE, IO_STATE
 pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 ARMS = Wall("arms", "arms", margin=0.005, arms=("PSM2",))
 HELD = dataclasses.replace(ARMS, unknown="hold")
+FAR = (Wall("plane", "plane", (0.0, 0.0, -0.6)), Wall("box", "box", (0.5, 0.0, 0.0), size=(0.1, 0.1, 0.1)),
+       Wall("sphere", "sphere", (0.0, 0.5, -0.2), size=(0.1,)), Wall("room", "sphere", size=(0.9,), keep="in"),
+       Wall("cylinder", "cylinder", (-0.5, 0.0, -0.2), size=(0.05, 0.2)),
+       Wall("cone", "cone", (0.0, -0.6, 0.0), (1.0, 0.0, 0.0, 0.0), (0.3,)),
+       Wall("capsule", "capsule", (0.5, 0.5, -0.2), size=(0.05, 0.2)),
+       Wall("view", "cone", size=(1.2,), keep="in", of="tip", frame="PSM2"))
 NEAR_X, SIDE = -0.05, 0.03
 """m: where the other arm is, and where the own one goes: x of its base."""
 
@@ -129,11 +137,11 @@ def test_an_arm_that_another_comes_near_to_stays_and_may_leave() -> None:
 
 
 @pytest.mark.parametrize("wall", [ARMS, HELD])
-@pytest.mark.parametrize("spoiled", ["base", "frame", "encoders", "numbers", "never"])
+@pytest.mark.parametrize("spoiled", ["base", "frame", "encoders", "numbers", "absurd", "never"])
 def test_while_it_is_unknown_where_the_other_arm_is_the_wall_is_off_or_the_arm_holds(spoiled: str, wall: Wall) -> None:
     made, there = beside(wall)
-    if spoiled == "numbers":  # since this arm's process has run
-        there.measured["position"][1] = math.nan
+    if spoiled in ("numbers", "absurd"):  # since this arm's process has run
+        there.measured["position"][1] = math.nan if spoiled == "numbers" else 1e30
         made.start_arm()
         made.run(0.9)
     elif spoiled == "base":
@@ -156,10 +164,11 @@ def test_while_it_is_unknown_where_the_other_arm_is_the_wall_is_off_or_the_arm_h
     assert made.send("move_jp", goal).outcomes[0] == ("refused" if wall is HELD else "accepted")
 
 
-def test_of_an_arm_that_sends_numbers_no_more_its_last_place_counts_and_grows() -> None:
+@pytest.mark.parametrize(("axis", "value"), [(1, math.nan), (0, 1e30), (2, -1e30), (0, 3.0), (2, 0.4), (5, 20.0)])
+def test_of_an_arm_that_cannot_be_where_it_is_measured_its_last_place_counts_and_grows(axis: int, value: float) -> None:
     made, there = beside()
     before = float(made.walls["distance"][0])
-    there.measured["position"][...] = math.nan
+    there.measured["position"][axis] = value
     made.run(0.02)
     assert float(made.walls["distance"][0]) == before
     made.run(0.08)
@@ -201,6 +210,21 @@ def test_an_instrument_too_near_to_another_is_retracted_along_it() -> None:
             goal[2] = min(goal[2] + 1e-4, here[2] + 0.03)
             made.send("servo_cp", goal, base_name("PSM1"))
         assert tip(made)[2] == pytest.approx(here[2] + 0.03, abs=5e-4), tilt
+
+
+@pytest.mark.parametrize(("x", "tilt"), [(-0.010, 0.0), (-0.012, 0.0), (-0.012, -0.05), (-0.012, -0.1)])
+def test_a_move_retracts_an_instrument_with_a_bent_wrist_that_is_too_near_to_another(x: float, tilt: float) -> None:
+    made, there = beside()
+    made = at(made, (0.0, 0.0, 0.12, 0.0, 0.6, 0.0))
+    there.go((0.0, 0.0, 0.10, 0.0, 0.0, 0.0, 0.0))
+    turned = shifted(x)
+    turned[[0, 2], [0, 2]], turned[0, 2], turned[2, 0] = math.cos(tilt), math.sin(tilt), -math.sin(tilt)
+    there.put(turned)
+    made.run(0.1)
+    assert made.walls["distance"][0] < 0.0
+    move = made.send("move_jp", (0.0, 0.0, 0.07, 0.0, 0.6, 0.0))
+    made.until(lambda: move.outcomes[-1] != "accepted")
+    assert move.outcomes[-1] == "done", move.replies
 
 
 def test_a_goal_from_which_a_wall_kept_an_arm_is_forgotten_with_its_stream() -> None:
@@ -247,10 +271,34 @@ def test_an_arm_without_an_instrument_is_nowhere_and_an_unknown_one_is_the_longe
     there.state["instrument"][...], there.state["tool"][...] = 1, b""
     made.run(0.1)
     assert made.walls["active"][0] and math.isnan(made.walls["distance"][0])
+    assert made.reports.of("warning") == [("warning", "other-arm-gone", "PSM1: arms: PSM2 has no instrument now")]
     there.state["instrument"][...] = 2
     there.go((0.0, 0.0, 0.12, 0.0, 0.0, 1.2, 0.0))  # a wrist that cannot be known: it counts as straight
     made.run(0.1)
     assert float(made.walls["distance"][0]) == pytest.approx(before, abs=1e-6)
+
+
+def test_an_instrument_that_is_gone_is_reported_once_in_a_while_and_when_the_arm_is_homed_again() -> None:
+    made, there = beside()
+
+    def swap(times: int) -> int:
+        for _ in range(times):
+            there.state["instrument"][...], there.state["tool"][...] = 1, b""
+            made.run(0.1)
+            there.state["instrument"][...], there.state["tool"][...] = 4, b"LARGE_NEEDLE_DRIVER_400006"
+            made.run(0.1)
+        return sum(code == "other-arm-gone" for _, code, _ in made.reports.of("warning"))
+
+    assert swap(5) == 1
+    made.reports.events.clear()
+    made.send("state_command", (), "disable")
+    there.state["instrument"][...], there.state["tool"][...] = 1, b""
+    made.run(2.0)
+    assert not made.reports.of("warning")
+    with made.hurried():
+        made.reach("HOMED")
+        made.run(0.1)
+    assert [code for _, code, _ in made.reports.of("warning")] == ["other-arm-gone"]
 
 
 def test_two_bases_are_related_through_the_tip_of_one_of_the_arms() -> None:
@@ -305,6 +353,31 @@ def test_a_wall_hangs_at_the_tip_of_the_endoscope_and_outlives_the_process() -> 
     assert made.send("add_wall", (0.0,) * 6 + (1.0,), "w arms").outcomes == ["refused"]
 
 
+@pytest.mark.parametrize(("name", "columns"), [("psm_measured_one.csv", slice(0, 7)),
+                                               ("classic_tool_fixed.csv", slice(1, 7))])
+def test_with_walls_far_away_recorded_motions_give_the_same_setpoints_bit_for_bit(name: str, columns: slice) -> None:
+    positions = fastest(recording(name)[:, columns])[250:750]
+    there = FakeOther()
+    there.go((0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0))
+    above = np.eye(4)
+    above[2, 3] = 0.5
+    there.put(above)
+    walled = ArmHarness(fixed_arm(walls=(*FAR, ARMS), base_frame=EYE, reference_frame="world"), other=there.other)
+    there.harness = walled
+    free = ArmHarness(fixed_arm(base_frame=EYE, reference_frame="world"))
+    for made in (free, walled):
+        at(made.homed(), positions[0, :6])
+    assert walled.walls["active"][: len(FAR) + 1].all()
+    for position in positions:
+        jaw = [("jaw/servo_jp", np.clip(position[6:], -0.3, 1.0))] * len(position[6:])
+        for requests in ([("servo_jp", position[:6])], jaw, [], [], [], [], []):  # 200 Hz
+            for made in (free, walled):
+                made.step(*(FakeRequest(*request) for request in requests))
+            for field in ("position", "velocity", "effort"):
+                assert free.setpoint[field].tobytes() == walled.setpoint[field].tobytes()
+    assert free.reports.events == walled.reports.events
+
+
 def test_the_setpoint_slows_down_to_half_of_what_it_may_before_a_wall() -> None:
     made, _ = beside()
     distances = []
@@ -315,6 +388,60 @@ def test_the_setpoint_slows_down_to_half_of_what_it_may_before_a_wall() -> None:
         distances.append(float(made.walls["distance"][0]))
     shrunk = -np.diff(distances)
     assert (shrunk <= np.array(distances[:-1]) * (made.period_ns * 1e-9 / 0.1) + 1e-9).all() and min(distances) > 0.0
+
+
+def test_moves_of_two_arms_slow_down_before_each_other_though_they_see_each_other_late() -> None:
+    made, there = beside()
+    there.put(shifted(-0.15))
+    move = made.send("move_jp", (-0.8, 0.0, 0.12, 0.0, 0.0, 0.0))
+    places, steps = [made.state["setpoint_position"][:6].copy()] * 10, []  # 20 ms
+    while move.outcomes[-1] == "accepted":
+        there.go((*(places.pop(0) * (-1.0, 1.0, 1.0, 1.0, 1.0, 1.0)), 0.0))  # the same motion from the other side
+        made.step()
+        places.append(made.state["setpoint_position"][:6].copy())
+        steps.append(abs(places[-1][0] - places[-2][0]))
+    assert move.outcomes[-1] == "failed" and "wall arms: PSM2 is in the way" in move.replies[-1][1]
+    there.go((*(places[-1] * (-1.0, 1.0, 1.0, 1.0, 1.0, 1.0)), 0.0))
+    made.run(0.1)
+    assert -1e-4 < made.walls["distance"][0] < 2e-3
+    assert max(steps) > 5e-4 and steps[-1] < 0.1 * max(steps) and np.abs(np.diff(steps)).max() < 1e-4, "no sudden stop"
+
+
+@pytest.mark.parametrize("cause", ["instrument", "base", "wall", "ratio", "goal"])
+def test_a_move_that_was_slowed_down_gets_faster_no_sooner_than_its_joints_accelerate(cause: str) -> None:
+    made, there = beside()
+    there.put(shifted(-0.15))
+    assert made.send("move_jp", (-0.8, 0.0, 0.12, 0.0, 0.0, 0.0)).outcomes == ["accepted"]
+    places = [made.state["setpoint_position"][:6].copy()] * 2
+
+    def run(cycles: int) -> None:
+        for _ in range(cycles):
+            made.step()
+            places.append(made.state["setpoint_position"][:6].copy())
+
+    speeds = [0.0]
+    while speeds[-1] > 0.4 * max(speeds) or max(speeds) < 0.1:
+        there.go((*(places[-1] * (-1.0, 1.0, 1.0, 1.0, 1.0, 1.0)), 0.0))  # the same motion from the other side
+        run(1)
+        speeds.append(abs(places[-1][0] - places[-2][0]) / (made.period_ns * 1e-9))
+    assert made.arm.control.walls.stopped_by == "arms: PSM2"
+    first = len(places) - 2
+    if cause == "instrument":
+        there.state["instrument"][...], there.state["tool"][...] = 1, b""
+        run(1)
+    elif cause == "base":
+        there.put(shifted(NEAR_X), known=False)
+        run(1)
+    else:
+        name, *request = {"wall": ("remove_wall", (), "arms"), "ratio": ("trajectory_j/set_ratio", (0.9,)),
+                          "goal": ("move_jp", (0.2, 0.0, 0.12, 0.0, 0.0, 0.0))}[cause]
+        assert made.send(name, *request).outcomes[-1] in ("done", "accepted")
+        places.append(made.state["setpoint_position"][:6].copy())
+    run(150)
+    rates = np.diff(places[first:], axis=0)[:, 0] / (made.period_ns * 1e-9)
+    rises = np.diff(np.abs(rates)) / (made.period_ns * 1e-9)
+    assert rises.max() <= 2.05 * made.arm.control.joints.a_max[0], "the move's own, and that of its time"
+    assert rates[-1] < -0.55 or cause in ("ratio", "goal")
 
 
 def test_snakes_and_needle_drivers_are_found_by_their_names() -> None:

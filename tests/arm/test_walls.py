@@ -201,15 +201,6 @@ def test_velocities_end_at_a_wall() -> None:
     assert float(made.state["jaw_setpoint_position"]) == pytest.approx(before + 0.3, abs=1e-3)
 
 
-def test_with_walls_far_away_every_setpoint_is_the_same() -> None:
-    free, walled = harness(), harness(Wall("far", "sphere", (0.5, 0.5, 0.5), size=(0.05,)), FLOOR)
-    for share in np.linspace(0.0, 6.28, 400):
-        goal = HERE + 0.03 * np.array((math.sin(share), math.cos(share) - 1.0, 0.0, 1.0, 0.0, math.sin(2 * share)))
-        for made in (free, walled):
-            made.send("servo_jp", goal)
-        assert (free.setpoint["position"] == walled.setpoint["position"]).all()
-
-
 SHAPES = some.one_of(
     some.builds(lambda size: ("sphere", (size,)), some.floats(0.005, 0.03)),
     some.builds(lambda a, b, c: ("box", (a, b, c)), *[some.floats(0.01, 0.05)] * 3),

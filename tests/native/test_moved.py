@@ -119,7 +119,7 @@ def test_a_wall_hangs_at_the_tip_of_another_arm(seed: int) -> None:
         frames[...] = 0.0
         assert follow() == 1
         np.testing.assert_allclose(frames[0], wanted[:3], rtol=0.0, atol=1e-12)
-    moved.position[1] = np.nan
-    for follow in (moved.follow, moved.by_numpy_follow):
-        assert follow() == 0
+    for spoiled in (np.nan, -1e30, 4.0):
+        moved.position[1] = spoiled
+        assert moved.follow() == 0 and moved.by_numpy_follow() == 0
         np.testing.assert_allclose(frames[0], wanted[:3], rtol=0.0, atol=1e-12)

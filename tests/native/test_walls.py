@@ -74,6 +74,12 @@ def test_both_find_the_same_and_nothing_comes_nearer_or_goes_faster_than_it_may(
     np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-6)
     made.goal[...] = goal
     assert made.way() == made.by_numpy_way()
+    assert made.meets(0.013) == made.by_numpy_meets(0.013)
+    made.group[:2] = 0
+    assert made.slow(0.013) == made.by_numpy_slow(0.013)
+    share = float(made.share[0])
+    made.slow(0.013)
+    assert share == pytest.approx(float(made.share[0]), abs=1e-9)
     made.rates[...], made.goal[...] = rng.normal(size=n), before
     assert made.push() == made.by_numpy_push()
     by_numpy = made.efforts.copy()

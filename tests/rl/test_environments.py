@@ -16,6 +16,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from tests.rl.playing import drawn, toward
+from trocar.procs.native.library import native
 from trocar.procs.rl.backend import RobotStopped
 from trocar.procs.rl.environment import RobotEnv
 from trocar.procs.rl.hand_over import FIRST, SECOND, PsmHandOver
@@ -55,6 +56,28 @@ def test_gymnasium_finds_nothing_wrong_with_it(task: type[RobotEnv]) -> None:
     assert len(env.contents) == len(env.reset()[0]["observation"])
     env.close()
     env.close()
+
+
+@pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
+def test_an_arm_with_walls_slides_along_them_in_every_episode_alike() -> None:
+    with pytest.raises(ValueError, match="cube"):
+        PsmReach(walls=[{"name": "floor", "shape": "cube"}])
+    with pytest.raises(ValueError, match="its own"):
+        PsmReach(backend="attached", walls=[{"name": "floor", "shape": "plane"}])
+    plain = PsmReach(starts=1)
+    height = plain.robot.models[0].middle[2] - 0.01
+    plain.close()
+    env = PsmReach(starts=1, walls=[{"name": "floor", "shape": "plane", "position": [0.0, 0.0, height], "of": "tip"}])
+    tips = []
+    for _ in range(2):
+        env.reset(seed=1)
+        for _ in range(15):
+            info = env.step(np.array((0.3, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0)))[-1]
+            tips.append(env.tips[0].copy())
+        assert info["at_wall"] == "PSM1: floor" and not info["fault"] and not info["refused"]
+    env.close()
+    assert min(tip[2] for tip in tips) > height - 1e-6 and tips[14][0] > tips[0][0] + 0.005
+    np.testing.assert_array_equal(tips[:15], tips[15:])
 
 
 @pytest.mark.slow

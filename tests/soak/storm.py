@@ -25,6 +25,7 @@ from tests.soak.person import ROBOTS, StormPerson
 from tests.soak.puppets import STREAMS
 from tests.soak.scenes import Driven, Effort, Following, Homing, Others, Scene
 from tests.soak.system import System, wait_for
+from tests.soak.walls import WallScene
 from tests.soak.weather import Weather
 from trocar.shm.time.clock import monotonic_ns, pause
 
@@ -69,6 +70,7 @@ class Storm:
         self._chance = random.Random(seed)
         self._end_ns = math.inf
         carts = System(f"cart{os.getpid()}", folder / "cart", cart.FILE, (cart.SHARE,), cart.OF_IO)
+        self._walls = WallScene(f"walls{os.getpid()}", folder / "walls", self.diary, self._chance)
         self.system = System(f"storm{os.getpid()}", folder)
         self._person = StormPerson(self.system, self.diary)
         self._cart = CartScene(carts, self.diary, self._chance)
@@ -92,6 +94,7 @@ class Storm:
         finally:
             self._person.stand_up()
             self._cart.end()
+            self._walls.end()
             self.system.clean()
         self.report.seconds = (monotonic_ns() - begin) * 1e-9
         self.judge()
@@ -103,7 +106,7 @@ class Storm:
         scenes: list[Scene] = [Driven("moving", ("move", "joints", *STREAMS), *own),
                                Following(Others(*own), self._person), Homing(*own[1:]),
                                Effort("effort", ("effort", "wrench"), *own)]
-        scenes += [self._cart] if cart.FILE.exists() else []
+        scenes += [self._walls, *([self._cart] if cart.FILE.exists() else [])]
         return [scene for scene in scenes if self._only in ("", scene.name)]
 
     def _play(self, scene: Scene, events: int) -> None:
@@ -193,8 +196,8 @@ class Storm:
                 for setpoints in (robot.setpoints(io), robot.asked(arm)):
                     found += judge.beyond_bounds(setpoints, bounds(robot.kind))
                     found += judge.continued(setpoints, diary.stops, asks)
-        found += judge.obtained(diary.attempts) + self._cart.judge()
-        self._wrong(self._cart.wrong)
+        found += judge.obtained(diary.attempts) + self._cart.judge() + self._walls.judge()
+        self._wrong(self._cart.wrong + self._walls.wrong)
         begin = self.diary.entries[0].stamp_ns
         for each in sorted(found, key=lambda violation: violation.stamp_ns):
             last, scene = (self.diary.before(each.stamp_ns, kind) for kind in ("event", "scene"))
@@ -216,7 +219,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=random.randrange(1 << 30))
     parser.add_argument("--events", type=int, default=300)
     parser.add_argument("--seconds", type=float, default=math.inf, help="begin no event after so many")
-    parser.add_argument("--scene", default="", help="one scene only: moving, following, homing, effort, cart")
+    parser.add_argument("--scene", default="", help="one scene only: moving, following, homing, effort, walls, cart")
     parser.add_argument("--event", default="", help="one kind of event only, e.g. pause, foreign_hold")
     parser.add_argument("--folder", type=Path, help="where logs, diary and records stay; default: a temporary one")
     chosen = parser.parse_args()

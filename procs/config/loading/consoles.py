@@ -205,7 +205,7 @@ class _ConsoleLoader:
             TeleopPsmConfig, keys, given, **self._of_all(part, console, (keys.MTM, keys.PSM)),
             gripper_zero=scaling.zero, gripper_max=scaling.max, base_frame_from=frame.component if frame else "",
             base_frame_interface=frame.interface if frame else "",
-            wrench_timeout_s=self.system.options.arm.effort_timeout_s)
+            wall_force=self.system.options.arm.wall_force, wrench_timeout_s=self.system.options.arm.effort_timeout_s)
         if made.align_mtm and not made.mtm_is_haptic:
             part.error("configure_parameter.align_MTM", "an MTM that is not haptic cannot align", "false")
         if scaling.zero == scaling.max:

@@ -262,6 +262,7 @@ class ArmOptions(Section):
     cpu: Cpu | None = None
     if TYPE_CHECKING:
         effort_timeout_s: float = 0.1
+        wall_force: float = 0.0
 
 
 @keys_of(Logs)

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.frames import Frame, product
 from trocar.procs.kinematics.poses import Array, inverse
-from trocar.procs.kinematics.walls.body import ArmBody
+from trocar.procs.kinematics.walls.body import INSERTION, ArmBody
 from trocar.procs.native.library import chosen
 from trocar.procs.native.walls_fields import MOVED
 
 Z: Final = np.array((0.0, 0.0, 1.0))
 ALWAYS: Final = np.ones(1, dtype=np.bool_)
+BEYOND_M, BEYOND_RAD, BEYOND_WRIST_RAD = 0.1, 1.0, math.tau
+"""An arm that is measured further outside its limits is not there; discs that hold no instrument may be anywhere."""
 NEVER_OLD: Final = np.zeros(1, dtype=np.int64)
 
 
@@ -38,6 +40,9 @@ class MovedWalls:
         self.relation, self.pose = np.zeros((2, 3, 4))
         self.biased, self.age_ns, self.by_tip = biased, age_ns, np.zeros(1, dtype=np.int64)
         self.p = len(body.of)
+        turns = np.where(np.arange(kinematics.n) > INSERTION, BEYOND_WRIST_RAD, BEYOND_RAD)
+        beyond = np.where(kinematics.is_prismatic, BEYOND_M, turns)
+        self.least, self.most = kinematics.lower - beyond, kinematics.upper + beyond
         self.follow: Callable[[], int]
         self.follow_all: Callable[[int, int, int], int]
 
@@ -60,9 +65,9 @@ class MovedWalls:
         return 0
 
     def by_numpy_follow(self) -> int:
-        """Move the walls to where the arm is measured; returns 0, and leaves them, if that is not a number."""
+        """Move the walls to where the arm is measured; returns 0, and leaves them, if that cannot be."""
         q = self.to_joint @ self.position
-        if not np.isfinite(q).all():
+        if not ((self.least <= q) & (q <= self.most)).all():
             return 0
         frames = self.kinematics.links.frames(q.tolist())
         tip = np.vstack((np.reshape(self.kinematics.tip_after(frames), (3, 4)), (0.0, 0.0, 0.0, 1.0)))

@@ -110,7 +110,9 @@ class ArmWalls:
         self.way: Callable[[], int]
         self.look: Callable[[], int]
         self.push: Callable[[], int]
-        self.keep, self.way, self.look, self.push = chosen(WALLS, self, "by_numpy_")
+        self.slow: Callable[[float], int]
+        self.meets: Callable[[float], int]
+        self.keep, self.way, self.look, self.push, self.slow, self.meets = chosen(WALLS, self, "by_numpy_")
 
     def put(self, place: int, wall: Wall, frame: Array) -> None:
         """Set the wall at `place`, whose pose in the arm's base is `frame` (4, 4)."""
@@ -154,18 +156,26 @@ class ArmWalls:
         return self._blocked(self.goal, self._grouped(np.minimum(view.values, 0.0)), self.samples, view,
                              along=self.ALONG)[0]
 
+    def by_numpy_slow(self, share: float) -> int:
+        """How much of the step of a move from `before` to `goal` brings it nearer to other arms by this `share` of the
+        distance at most, into `share`; returns the pair that asks for it, plus 1, 0: none.
+        """
+        value, then = _View(self, self.before).values, _View(self, self.goal).values
+        least = self._allowed(value, share, 1)
+        why, self.share[0] = 0, 1.0
+        for pair in np.flatnonzero((self.group[:, None] >= 0) & (value > 0.0) & (value < self.NEAR)).tolist():
+            most, nearer = value.flat[pair] - least.flat[pair], value.flat[pair] - then.flat[pair]
+            if most < self.share.item() * nearer:
+                why, self.share[0] = pair + 1, most / nearer
+        return why
+
     def by_numpy_keep(self, share: float, is_step: int) -> int:
         """Change `goal` to the nearest joints that are allowed; returns the pair that prevents more, plus 1, 0: none.
 
         `is_step`: for one cycle, in which each distance may shrink by this `share`, and each joint move by its `step`.
         """
-        view = _View(self, self.before)
-        value = view.values
-        slower = value * (1.0 - share * self.pace[:, None])
-        slowed = np.where(value < self.NEAR, slower, 0.0) if is_step else 0.0
-        least = self._grouped(np.where(value <= 0.0, value, slowed))
+        why, least, view = self._met(share, is_step)
         samples = 0.25 * self.samples
-        why, _ = self._blocked(self.goal, least, samples, view)
         if not why:
             return 0
         low, high = np.minimum(self.lower, self.before), np.maximum(self.upper, self.before)
@@ -190,6 +200,24 @@ class ArmWalls:
         stopped, free = self._blocked(x, least, samples, share=np.zeros(1))
         self.goal[...] = self.before + free * (x - self.before) if stopped and free < 1.0 else x
         return why
+
+    def by_numpy_meets(self, share: float) -> int:
+        """Whether `keep` would change the step of a cycle."""
+        return self._met(share, 1)[0]
+
+    def _met(self, share: float, is_step: int) -> tuple[int, Array, _View]:
+        """The first pair that comes nearer than it may on the way to `goal`, plus 1, 0: none; how near each may come;
+        and the view from the beginning.
+        """
+        view = _View(self, self.before)
+        least = self._allowed(view.values, share, is_step)
+        return self._blocked(self.goal, least, 0.25 * self.samples, view)[0], least, view
+
+    def _allowed(self, value: Array, share: float, is_step: int) -> Array:
+        """How near each pair may come."""
+        slower = value * (1.0 - share * self.pace[:, None])
+        slowed = np.where(value < self.NEAR, slower, 0.0) if is_step else 0.0
+        return self._grouped(np.where(value <= 0.0, value, slowed))
 
     def _is_nearest(self, values: Array, pair: int) -> bool:
         """Whether a pair is the nearest of those of its segment with one other arm."""
