@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -116,3 +117,18 @@ def test_a_chunk_without_its_index_is_searched(
         with path.open("r+b") as file:  # its writer was killed
             file.truncate(place.at + place.length + 5)
         assert was(past, then.local(100.0), STATE) == before
+
+
+@pytest.mark.parametrize("wrong", [-5, 3, 1 << 40])
+def test_an_index_with_wrong_offsets_harms_nothing(
+        scripted: ScriptedRobot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: int) -> None:
+    then, index = Then(), reading.RecordingReader.index
+
+    def spoiled(self: reading.RecordingReader, place: reading.ChunkPlace) -> Any:
+        found = index(self, place) or {}
+        return {channel: rows + [0, wrong] for channel, rows in found.items()}
+
+    monkeypatch.setattr(reading.RecordingReader, "index", spoiled)
+    with opened(scripted, tmp_path) as past:
+        at_full_rate(scripted, tmp_path, then)
+        assert was(past, then.local(100.0), STATE)[STATE]["age"] is None
