@@ -10,7 +10,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -22,17 +24,18 @@ from trocar.procs.document.recorder import NAME as RECORDER
 from trocar.procs.document.system import WALL, SystemConfig
 from trocar.procs.gui.catalogue import families_of, makers_of
 from trocar.procs.gui.rings import PastReader
-from trocar.procs.gui.sources import MADE, OPTIONS
+from trocar.procs.gui.sources import MADE, OPTIONS, Source
 from trocar.procs.gui.times import Times
 from trocar.procs.recordings import names
 from trocar.procs.recordings.facts import local_offset_ns
 from trocar.procs.recordings.folder import kept
 from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import local_ns
 
 if TYPE_CHECKING:
-    from trocar.procs.gui.recorded import FaultFile, RecordedFiles, Rows
+    from trocar.procs.gui.recorded import FaultFile, RecordedFiles
 
 MAX_SPAN_MS: Final = 60_000
 """Of samples in one answer."""
@@ -41,6 +44,8 @@ BEFORE_NS: Final = 2_000_000_000
 """The state at a time is in the records up to so long before it; what is written on change only, in its ring."""
 EVENTS_NS: Final = 20_000_000_000
 """The same for events whose ring does not go back as far."""
+WORK_S: Final = 4.0
+"""CPU time for which a request reads recordings."""
 REST: Final = 3.0
 """Times the work of a request, until the next one begins; at most MAX_REST_S."""
 MAX_REST_S: Final = 2.0
@@ -51,48 +56,78 @@ Answer = TypeVar("Answer")
 class PastRings:
     """The rings of a system, each with its records from `begin_ns` up to `end_ns` (time of day)."""
 
-    def __init__(self, files: RecordedFiles, times: Times, begin_ns: int, end_ns: int, *, is_state: bool) -> None:
-        """`times`: of this run; `is_state`: nearly all rings will be read."""
-        self._files, self._times, self._is_state = files, times, is_state
+    def __init__(self, files: RecordedFiles, times: Times, begin_ns: int, end_ns: int, check: Callable[[], None], *,
+                 is_state: bool) -> None:
+        """`times`: of this run; `is_state`: of periodic rings, only the last record is used; `check`: see `picked`."""
+        self._files, self._times, self._is_state, self._check = files, times, is_state, check
         self._begin_ns, self._end_ns = begin_ns, end_ns
-        self._read: dict[bool, Rows] = {}
+        self._rows: dict[tuple[str, str], NDArray[Any]] = {}
+        self._wanted: dict[str, np.dtype[np.void]] = {}
+        self._read: dict[str, NDArray[Any] | str | None] = {}
         self.is_known = False
-        """Whether any periodic ring that was opened has records of this time."""
+        """Whether any periodic ring that was read has records of this time."""
 
     def __call__(self, system: str, instance: str, ring: str, kind: str | None = None) -> PastReader:
-        """See Rings."""
+        """See Rings. Files are read at the first use of a record, for all rings opened until then."""
+        topic = f"{instance}/{ring}"
         with closing(directory.reader(system, instance, ring, kind, often=False)) as reader:
             dtype, is_periodic = reader.dtype, bool(reader.info.get("rate_hz"))
-            reader.rewind()
-            oldest_ns = int(self._times.local(np.array([reader.stamp_ns]))[0]) if reader.next() else 0
-            has_first = reader.sequence <= 1 and not is_periodic
-            if is_periodic:
-                rows = (reader.since(self._times.stamp(self._begin_ns)) if oldest_ns <= self._end_ns
-                        else np.zeros(0, dtype))
-                if not len(rows) and self._is_state:  # its writer stalls, or is gone: shown with its age
-                    rows = reader.last(1)
-            else:
-                rows = reader.last(reader.depth)
+            if (instance, ring) not in self._rows:
+                self._rows[instance, ring] = self._in_ring(reader, topic, is_periodic)
+        return PastReader(dtype, partial(self._joined, topic, self._rows[instance, ring], is_periodic))
+
+    def _in_ring(self, reader: RingReader, topic: str, is_periodic: bool) -> NDArray[Any]:
+        """What the ring still has; what it has lost, if anything, is wanted from files."""
+        dtype = reader.dtype
+        reader.rewind()
+        oldest_ns = int(self._times.local(np.array([reader.stamp_ns]))[0]) if reader.next() else 0
+        has_first = reader.sequence <= 1 and not is_periodic
+        if is_periodic:
+            rows = (reader.since(self._times.stamp(self._begin_ns)) if oldest_ns <= self._end_ns
+                    else np.zeros(0, dtype))
+            if not len(rows) and self._is_state:  # its writer stalls, or is gone: shown with its age
+                rows = reader.last(1)
+        else:
+            rows = reader.last(reader.depth)
         has_local = "local_ns" in (dtype.names or ())
         rows["stamp_ns"] = rows["local_ns"] if has_local else self._times.local(rows["stamp_ns"])
         rows = rows[rows["stamp_ns"] <= self._end_ns]
-        if oldest_ns > self._begin_ns and not (has_first and len(rows)):
-            earlier = self._recorded(f"{instance}/{ring}", ring)
-            if earlier is not None and earlier.dtype == dtype:
+        has_enough = len(rows) and (has_first or (self._is_state and not is_event(topic)))
+        if oldest_ns > self._begin_ns and not has_enough:
+            self._wanted[topic] = dtype
+        return rows
+
+    def _joined(self, topic: str, rows: NDArray[Any], is_periodic: bool) -> NDArray[Any]:
+        if topic in self._wanted:
+            earlier = self._recorded(topic)
+            if earlier is not None:
                 before = earlier["stamp_ns"] < (rows["stamp_ns"][0] if len(rows) else self._end_ns + 1)
                 rows = np.concatenate([earlier[before], rows])
         self.is_known = self.is_known or (is_periodic and bool(len(rows)))
-        return PastReader(dtype, rows)
+        return rows
 
-    def _recorded(self, topic: str, ring: str) -> NDArray[Any] | None:
-        """All that may be wanted is read at once: one pass over the files."""
-        if not self._is_state:
-            return self._files.records(topic.__eq__, self._begin_ns, self._end_ns).get(topic)
-        is_event, begin_ns = ring == "events", self._end_ns - EVENTS_NS if ring == "events" else self._begin_ns
-        if is_event not in self._read:
-            self._read[is_event] = self._files.records(lambda name: name.endswith("/events") == is_event, begin_ns,
-                                                       self._end_ns)
-        return self._read[is_event].get(topic)
+    def _recorded(self, topic: str) -> NDArray[Any] | None:
+        """One pass over the files has all that is wanted, or the reason why not."""
+        if topic not in self._read:
+            said = is_event(topic)
+            wanted = {name: dtype for name, dtype in self._wanted.items()
+                      if name not in self._read and is_event(name) == said}
+            self._read |= dict.fromkeys(wanted)
+            begin_ns = self._end_ns - EVENTS_NS if said and self._is_state else self._begin_ns
+            try:
+                self._read |= self._files.records(wanted, begin_ns, self._end_ns, self._check,
+                                                  only_last=self._is_state and not said)
+            except ValueError as error:
+                self._read |= dict.fromkeys(wanted, str(error))
+        found = self._read[topic]
+        if not isinstance(found, str):
+            return found
+        raise ValueError(found)
+
+
+def is_event(topic: str) -> bool:
+    """Whether all its records are shown, not the last one."""
+    return topic.endswith("/events")
 
 
 class Past:
@@ -152,27 +187,50 @@ class Past:
                 ) -> bytes:
         files, times = self._opened(), times_of(self._document)
         end_ns = min(end_ns, local_ns())
-        state = PastRings(files, times, at_ns - BEFORE_NS, at_ns, is_state=True)
-        samples = PastRings(files, times, begin_ns, end_ns, is_state=False)
-        data = {}
+        check = self._checker()
+        state = PastRings(files, times, at_ns - BEFORE_NS, at_ns, check, is_state=True)
+        samples = PastRings(files, times, begin_ns, end_ns, check, is_state=False)
+        data: dict[str, Any] = {}
         states, traces = makers_of(self._document, state), makers_of(self._document, samples)
         families = families_of(self._document, samples)
-        for name in sources:
-            family, _, rest = name.partition(":")
-            try:
-                if family in families:
-                    data[name] = _thinned(families[family](rest)().read(end_ns), points)
-                elif "/trace" in name and name in traces:
-                    data[name] = _thinned(traces[name]().read(end_ns), points)
-                elif name in states:
-                    with closing(states[name]()) as source:
-                        data[name] = source.read(at_ns)
-                else:
-                    data[name] = {"age": None, "problem": NOT_RECORDED}
-            except (SegmentError, OSError, ValueError, KeyError) as error:
-                data[name] = {"age": None, "problem": str(error)}
+        opened: list[tuple[str, Source, bool]] = []
+        with ExitStack() as stack:
+            def take(name: str, step: Callable[[], None]) -> None:
+                try:
+                    step()
+                except (SegmentError, OSError, ValueError, KeyError) as error:
+                    data[name] = {"age": None, "problem": str(error)}
+
+            def begin(name: str) -> None:
+                family, _, rest = name.partition(":")
+                is_plot = family in families or ("/trace" in name and name in traces)
+                makers = traces if is_plot else states
+                make = families[family](rest) if family in families else makers.get(name)
+                if make is None:
+                    raise ValueError(NOT_RECORDED)
+                opened.append((name, stack.enter_context(closing(make())), is_plot))
+
+            def read(name: str, source: Source, is_plot: bool) -> None:
+                data[name] = _thinned(source.read(end_ns), points) if is_plot else source.read(at_ns)
+
+            for name in sources:  # all before any is read
+                take(name, partial(begin, name))
+            for row in sorted(opened, key=itemgetter(2)):  # states first: samples may take all the time
+                take(row[0], partial(read, *row))
         return orjson.dumps({"op": "past", "id": number, "at": at_ns // 1_000_000, "data": data,
                              "known": state.is_known or samples.is_known}, option=OPTIONS)
+
+    def _checker(self) -> Callable[[], None]:
+        """Raises an error when a request that begins now has taken too long."""
+        end_s = time.thread_time() + WORK_S
+
+        def check() -> None:
+            if self._is_over.is_set():
+                raise ValueError("the web console ends")
+            if time.thread_time() > end_s:
+                raise ValueError("reading the recordings takes too long; choose a shorter time")
+
+        return check
 
     def close(self) -> None:
         """End the thread, close all files."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -52,11 +53,15 @@ class PastReader:
 
     gone = ""
 
-    def __init__(self, dtype: np.dtype[np.void], rows: NDArray[Any]) -> None:
-        """`rows`: oldest first."""
-        self.dtype, self._rows = dtype, rows
+    def __init__(self, dtype: np.dtype[np.void], rows: Callable[[], NDArray[Any]]) -> None:
+        """`rows`: oldest first; called at the first use, when it is known what else of the past is read."""
+        self.dtype, self._look = dtype, rows
         self._record = np.zeros(1, dtype)
         self.sequence = 0
+
+    @cached_property
+    def _rows(self) -> NDArray[Any]:
+        return self._look()
 
     @property
     def stamp_ns(self) -> int:

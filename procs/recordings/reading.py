@@ -25,6 +25,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Metadata, Schema
+from numpy.typing import NDArray
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.recordings import names
@@ -63,7 +64,9 @@ class RecordingError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class _ChunkPlace:
+class ChunkPlace:
+    """A chunk of a file: the times of day that it has, and where its data are."""
+
     begin_ns: int
     end_ns: int
     size: int
@@ -88,7 +91,7 @@ class RecordingReader(Closable):
         self._attachments: dict[str, bytes] = {}
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._chunks: list[_ChunkPlace] = []
+        self.chunks: list[ChunkPlace] = []
         try:
             self._file: BinaryIO = path.open("rb")
         except OSError as error:
@@ -104,12 +107,12 @@ class RecordingReader(Closable):
     @property
     def begin_ns(self) -> int:
         """Time of day of its first message; 0 without messages."""
-        return min((chunk.begin_ns for chunk in self._chunks), default=0)
+        return min((chunk.begin_ns for chunk in self.chunks), default=0)
 
     @property
     def end_ns(self) -> int:
         """Time of day of its last message."""
-        return max((chunk.end_ns for chunk in self._chunks), default=0)
+        return max((chunk.end_ns for chunk in self.chunks), default=0)
 
     @property
     def document(self) -> bytes:
@@ -150,7 +153,7 @@ class RecordingReader(Closable):
         """
         rows = [(self.topics[name], self.dtype(name)) for name in topics]
         wanted = {channel: row for row in rows for channel in row[0].channels}
-        for place in self._chunks:
+        for place in self.chunks:
             found: dict[str, Piece] = {}
             for channel, _, log_ns, _, data in self._in_chunk(place, wanted, begin_ns, end_ns):
                 topic, dtype = wanted[channel]
@@ -259,7 +262,7 @@ class RecordingReader(Closable):
             self._wrong(f"a chunk at byte {at} has no readable head")
             return
         compression = self._file.read(letters).decode(errors="replace")
-        self._chunks.append(_ChunkPlace(begin, end, size, crc, compression, at + skipped, length - skipped))
+        self.chunks.append(ChunkPlace(begin, end, size, crc, compression, at + skipped, length - skipped))
 
     def _take(self, opcode: int, data: bytes) -> None:
         try:
@@ -307,21 +310,38 @@ class RecordingReader(Closable):
                              info=_info(meta.get(names.INFO, "")))
 
     def _messages(self, channels: Container[int], begin_ns: int, end_ns: int) -> Iterator[FoundMessage]:
-        for place in self._chunks:
+        for place in self.chunks:
             yield from self._in_chunk(place, channels, begin_ns, end_ns)
 
-    def _in_chunk(self, place: _ChunkPlace, channels: Container[int], begin_ns: int, end_ns: int
+    def _in_chunk(self, place: ChunkPlace, channels: Container[int], begin_ns: int, end_ns: int
                   ) -> Iterator[FoundMessage]:
         if place.end_ns < begin_ns or place.begin_ns >= end_ns:
             return
-        self._file.seek(place.at)
         try:
-            data = uncompressed(self._file.read(place.length), place.compression, place.size, place.crc)
-            for found in messages(data):
+            for found in messages(self.plain(place)):
                 if found[0] in channels and begin_ns <= found[2] < end_ns:
                     yield found
         except ChunkError as error:
             self._wrong(f"byte {place.at}: {error}")
+
+    def plain(self, place: ChunkPlace) -> bytes:
+        """A chunk, uncompressed; ChunkError if it is damaged."""
+        self._file.seek(place.at)
+        return uncompressed(self._file.read(place.length), place.compression, place.size, place.crc)
+
+    def index(self, place: ChunkPlace) -> dict[int, NDArray[np.int64]] | None:
+        """Time of day and offset (n, 2) of the messages of a chunk by channel; None if the file has not all of them."""
+        found: dict[int, NDArray[np.int64]] = {}
+        self._file.seek(place.at + place.length)
+        while len(head := self._file.read(RECORD.size)) == RECORD.size:
+            opcode, length = RECORD.unpack(head)
+            if opcode != Opcode.MESSAGE_INDEX:
+                return found or None
+            body = self._file.read(length) if INDEX_HEAD <= length <= MAX_RECORD else b""
+            if len(body) < length or (length - INDEX_HEAD) % 16:
+                return None
+            found[int.from_bytes(body[:2], "little")] = np.frombuffer(body, np.int64, -1, INDEX_HEAD).reshape(-1, 2)
+        return None
 
     def close(self) -> None:
         """Close the file."""

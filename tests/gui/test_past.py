@@ -16,7 +16,7 @@ from tests.gui.test_browsers import Console, play
 from tests.tools.robot import KEPT, ScriptedRobot, robot
 from trocar.procs.document.system import from_json
 from trocar.procs.gui.past import MAX_SPAN_MS, Past, _thinned
-from trocar.procs.gui.timeline_source import FILES_NS, LOOK_NS, TimelineSource
+from trocar.procs.gui.timeline_source import A_LOOK, FILES_NS, LOOK_NS, MARKS, TimelineSource
 from trocar.procs.gui.times import Times
 from trocar.procs.recordings import names
 from trocar.procs.recordings.facts import document_of, facts_of
@@ -153,6 +153,24 @@ def test_a_fault_is_a_mark_with_its_cause_and_its_recording(world: World, tmp_pa
         assert before["text"] == "PSM1: an hour ago" and "t" not in before and before["file"].startswith("fault-")
         assert fault["kind"] == "fault" and fault["text"] == "PSM1: it does not follow" and fault["size"] > 0
         assert abs(fault["at"] - local_ns() // 1_000_000) < 60_000 and fault["file"] != before["file"]
+
+
+def test_warnings_displace_no_fault_and_what_is_in_fault_now_is_its_present_state(world: World, tmp_path: Path) -> None:
+    with robot(world.name, 4 * MARKS) as scripted, opened(scripted, tmp_path) as past:
+        scripted.show_arm(state="FAULT")
+        scripted.events.report(codes.TRACKING, "it does not follow", "PSM1")
+        scripted.events.operating_state("FAULT", "FAULT", False, False)
+        with closing(TimelineSource(from_json(directory.document(world.name)), past)) as source:
+            look_ns = LOOK_NS
+            for _ in range(2 * MARKS // A_LOOK + 2):
+                for k in range(A_LOOK):
+                    scripted.events.report(codes.TEMPERATURE_HIGH, f"warning {k}", "PSM1")
+                found = source.read(look_ns := look_ns + LOOK_NS)
+            kinds = [mark["kind"] for mark in found["marks"]]
+            assert kinds == ["fault"] + ["warning"] * MARKS and "does not follow" in found["marks"][0]["text"]
+            assert found["now"] == ["PSM1"], "long after the event"
+            scripted.show_arm(state="DISABLED")
+            assert source.read(look_ns + LOOK_NS)["now"] == [], "without any event"
 
 
 def test_a_page_asks_one_question_at_a_time(world: World, tmp_path: Path) -> None:

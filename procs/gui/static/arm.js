@@ -153,12 +153,12 @@ let isRead = false;
 let ratioSet = false;
 let isChosen = false;
 onTick(() => {
+  if (isPast()) return;
   if (!isRead && count() && isMeasured("valid")) {
     isRead = true;
     read();
     readJaw();
   }
-  if (isPast()) return;
   const tool = value(`${state}.tool`);
   const choice = document.getElementById("instrument") || document.getElementById("endoscope");
   if (!isChosen && tool && choice) {

@@ -19,7 +19,7 @@ let isGiven = false; // a person has given control back
 const KEPT_MS = 5000; // control is kept that long while a person changes pages
 let number = 0;
 const waiting = new Map(); // commands without an end
-const listeners = []; // called after each tick
+const listeners = []; // called after each tick, and when the page goes to another time
 
 export const data = (name) => (past ?? sources)[name];
 export const present = (name) => sources[name];
@@ -39,7 +39,19 @@ export function denied(button) {
 export function rewind(found) {
   if (found && !past) window.dispatchEvent(new Event("blur")); // ends what is held
   past = found;
+  refreshed();
+}
+
+// All views at once. An error of one is reported, and stops no other one.
+function refreshed() {
   shown();
+  for (const listener of listeners) {
+    try {
+      listener();
+    } catch (error) {
+      reportError(error);
+    }
+  }
 }
 
 // --- values
@@ -237,14 +249,7 @@ function heed(message) {
     isGiven &&= message.you;
     you = message.you;
     holder = message.control;
-    shown();
-    for (const listener of listeners) {
-      try {
-        listener();
-      } catch (error) {
-        console.error(error); // of one view; the others, and the strip, continue
-      }
-    }
+    refreshed();
   } else if (message.op === "past") {
     waiting.get(message.id)?.("done", message);
     waiting.delete(message.id);

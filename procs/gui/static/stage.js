@@ -325,13 +325,13 @@ class Stage {
   }
 
   refresh() {
-    const found = data("scene")?.arms;
-    if (!found) return;
-    const { carts, shown, walls } = data("scene");
+    const { arms: found, carts, shown, walls } = data("scene") || {};
     if (this.isOfPast !== isPast()) for (const model of Object.values(this.models)) model.count = 0; // no trail from one time to another
     this.isOfPast = isPast();
+    for (const [name, model] of Object.entries(this.models)) if (!found?.[name]) model.group.visible = false; // nothing is known of it
     if (!this.only) this.carts(carts);
     this.ask(shown);
+    if (!found) return this.later();
     let apart = 0;
     for (const [name, model] of Object.entries(this.models)) {
       const arm = found[name];
@@ -384,9 +384,18 @@ class Stage {
       for (const [name, arm] of Object.entries(arms)) this.setups[cart][name].show(arm);
       if (!isNew) continue;
       const setups = Object.values(this.setups[cart]);
-      this.stands = [...(this.stands || []), ...setups.map((setup) => setup.group), column(setups)];
-      this.scene.add(...this.stands);
+      const parts = [...setups.map((setup) => setup.group), column(setups)];
+      for (const part of parts) part.userData.cart = cart;
+      this.stands = [...(this.stands || []), ...parts];
+      this.scene.add(...parts);
     }
+    this.known = Object.keys(found || {}).filter((cart) => Object.keys(found[cart]).length);
+    this.stand();
+  }
+
+  // Carts are hidden in the endoscope's view, and where nothing is known of them.
+  stand() {
+    for (const part of this.stands || []) part.visible = !this.isWithin && this.known.includes(part.userData.cart);
   }
 
   // A pose to which a person is asked to bring an arm: a ghost of it, for as long as the asking program shows it.
@@ -445,7 +454,8 @@ class Stage {
     const from = { all: facing < 0 ? [0.7, 1.1, 0.35] : [0.35, -1.2, 0.45], masters: [-0.9, -1.1, 0.6], side: [1, 0, 0.05], top: [0, -0.02, 1], front: [0, -facing, 0.15] };
     const ecm = Object.values(this.models).find((model) => model.type === "ECM") || Object.values(this.models).find((model) => model.type === "PSM");
     // The endoscope's view, from slightly behind: without itself, the masters and the cart.
-    for (const part of this.stands || []) part.visible = view !== "operator";
+    this.isWithin = view === "operator";
+    this.stand();
     for (const model of Object.values(this.models)) model.isHidden = view === "operator" && ["ECM", "MTM"].includes(model.type);
     const tips = Object.values(this.models).filter((model) => model.type === "PSM" && model.size).map((model) => model.tip.getWorldPosition(new THREE.Vector3()));
     if (view === "operator" && ecm && tips.length) {

@@ -13,7 +13,6 @@ let aim = null; // the time to show, ms; null: the present
 let shownAt = null; // the time that is shown
 let view = null; // { at, from, to } of plots, s
 let isKnown = true; // whether anything is recorded of that time
-let since = 0; // when the page left the present
 let asked = "";
 let isAsking = false;
 
@@ -65,7 +64,6 @@ async function look() {
       if (!isPast()) aim = null;
       break;
     }
-    since ||= now();
     shownAt = mine;
     view = { at: mine / 1000, from: from / 1000, to: to / 1000 };
     isKnown = found.known;
@@ -86,7 +84,6 @@ export function goTo(ms) {
 
 export function live() {
   aim = shownAt = view = null;
-  since = 0;
   rewind(null);
   refresh();
 }
@@ -119,8 +116,8 @@ function banner() {
     file.href = `/files/recordings/${encodeURIComponent(fault.file)}`;
     put(file, `Save its recording (${(fault.size / 1e6).toFixed(1)} MB)`);
   }
-  const news = faults().filter((each) => each.at > since).at(-1);
-  put(at("past-news"), news ? `Now: ${named(news)}` : "");
+  const inFault = present("timeline")?.now || [];
+  put(at("past-news"), inFault.length ? `Now: ${inFault.join(", ")} ${inFault.length > 1 ? "are" : "is"} in FAULT` : "");
 }
 
 let listed = "";

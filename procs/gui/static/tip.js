@@ -1,6 +1,6 @@
 // Poses as typed: goals of the tip, with a preview before the motion; poses of the base.
 import { arm, isMeasured, previewed, stage, state } from "./arm.js";
-import { asked, fixed, note, onTick, value } from "./live.js";
+import { asked, fixed, isPast, note, onTick, value } from "./live.js";
 import { quaternion, turns } from "./pose.js";
 import { perUnit, typed, unit, units } from "./units.js";
 
@@ -70,7 +70,7 @@ document.addEventListener("click", async (event) => {
 
 let isRead = false;
 onTick(() => {
-  if (isRead || !isMeasured("reference_valid") || !inputs("tip").length) return;
+  if (isRead || isPast() || !isMeasured("reference_valid") || !inputs("tip").length) return;
   isRead = true;
   read("tip", `${state}.measured_cp`);
   read("base", `${state}.base_frame`);
