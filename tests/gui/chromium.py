@@ -63,11 +63,15 @@ class BrowserPage:
         """One element."""
         return self.driver.find_element(By.CSS_SELECTOR, css)
 
-    def click(self, css: str, *, yes: bool = True) -> None:
-        """Press a button, and answer what it asks."""
+    def press(self, css: str) -> None:
+        """Press an element, between the strip and the timeline."""
         button = self.find(css)
         self.js("arguments[0].scrollIntoView({block: 'center'})", button)
         button.click()
+
+    def click(self, css: str, *, yes: bool = True) -> None:
+        """Press a button, and answer what it asks."""
+        self.press(css)
         if self.js("return document.getElementById('confirm').open"):
             self.find("#confirm button.primary" if yes else "#confirm button.quiet").click()
 

@@ -188,7 +188,7 @@ def test_power_off_stays_in_reach_while_a_dialog_is_open(robot: Robot) -> None:
                 page.take_control()
                 page.click("#power-on", yes=True)
                 page.until("trocar.value('PSM1/state.state') === 'ENABLED'", 90)
-                page.find("main [data-asks=home]").click()
+                page.press("main [data-asks=home]")
             page.until(f"document.getElementById('{dialog}').open && document.querySelector('main.content').inert")
             for _ in range(4):
                 page.find("body").send_keys(Keys.TAB)

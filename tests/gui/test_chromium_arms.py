@@ -54,7 +54,7 @@ def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(page: BrowserPage
     page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
     assert page.value("PSM1/state.position")[0] == pytest.approx(stands, abs=1e-3), "a preview moves nothing"
     page.take_control()
-    page.find("[data-does=move]").click()
+    page.press("[data-does=move]")
     page.until("document.getElementById('confirm').open")
     assert re.search(r"yaw [\d.-]+ → 11.50 °, \d+\.\d s\?", page.find("#confirm-text").text)
     page.answer_yes()
@@ -96,7 +96,7 @@ def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
     page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
     assert page.value("PSM1/state.measured_cp") == pytest.approx(before, abs=1e-4), "a preview moves nothing"
     page.js("document.querySelector('[data-does=move-tip]').scrollIntoView({block: 'center'})")
-    page.find("[data-does=move-tip]").click()
+    page.press("[data-does=move-tip]")
     page.answer_yes()
     page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[0] * 1000 - {goal}) < 0.05")
     after = page.value("PSM1/state.measured_cp")
@@ -174,11 +174,11 @@ def test_a_base_frame_is_set_and_forgotten(page: BrowserPage) -> None:
     page.open("/arm/PSM1")
     page.take_control()
     page.until("document.querySelector(\"[data-pose=base][data-part='0']\")?.value")
-    page.find("details summary").click()
+    page.press("details summary")
     before = page.value("PSM1/state.measured_cp")
     page.typed("[data-pose=base][data-part='2']", "100,5")
     page.typed("#base-in", "table")
-    page.find("[data-does=set-base]").click()
+    page.press("[data-does=set-base]")
     page.until("document.getElementById('confirm').open")
     asked = page.find("#confirm-text").text
     assert "z 100.50 mm" in asked and ", in table?" in asked
@@ -186,7 +186,7 @@ def test_a_base_frame_is_set_and_forgotten(page: BrowserPage) -> None:
     page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[2] - {before[2]} - 0.1005) < 1e-6")
     assert page.value("PSM1/state.reference_frame") == "table"
     page.typed("[data-pose=base][data-part='2']", "0")
-    page.find("[data-does=set-base]").click()
+    page.press("[data-does=set-base]")
     page.answer_yes()
     page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[2] - {before[2]}) < 1e-6")
     assert page.wrongs() == []

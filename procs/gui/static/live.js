@@ -346,9 +346,9 @@ function opens(dialog, at = null) {
   const box = at?.getClientRects()[0];
   if (!box) return;
   const { width, height } = dialog.getBoundingClientRect();
-  const under = box.bottom + height + 12 < innerHeight;
   const strip = document.querySelector(".strip").getBoundingClientRect().bottom;
-  const top = Math.max(strip + 6, under ? box.bottom + 6 : box.top - height - 6);
+  const low = (document.querySelector(".timeline")?.getBoundingClientRect().top ?? innerHeight) - height - 6;
+  const top = Math.max(strip + 6, Math.min(low, box.bottom + 6 < low ? box.bottom + 6 : box.top - height - 6));
   dialog.style.margin = 0;
   dialog.style.inset = `${top}px auto auto ${Math.max(8, Math.min(innerWidth - width - 8, box.left))}px`;
 }
