@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 
 def test_three_commands_of_the_page_say_why_an_arm_faulted(robot: Robot) -> None:
     page = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"\*\*The arm faulted an hour ago: why\?\*\*.*?\n\n((?:    .*\n)+)", page)
+    (block,) = re.findall(r"\*\*Why was there a fault an hour ago\?\*\*.*?\n\n((?:    .*\n)+)", page)
     listed, said, scoped = (shlex.split(line, comments=True)[1:] for line in block.splitlines())
     robot.up(DEMO, "--boards", "emulated", "--set", "recorder.on=true", "--set", "processes.recorder.hung_s=60")
     robot.home()
