@@ -239,6 +239,7 @@ def test_a_setup_arm_is_clutched_and_lifted_while_a_button_is_held(
             page.until(shown("SUJ/state.setup_valid.1"), 120)
             page.take_control()
             hand = ActionChains(page.driver)
+            page.js("arguments[0].scrollIntoView({block: 'center'})", page.find(".hold"))
             hand.click_and_hold(page.find(".hold")).perform()
             page.until(f"{shown('SUJ/state.lift')} === 1")
             hand.reset_actions()

@@ -90,7 +90,8 @@ document.addEventListener("pointerdown", (event) => {
 });
 heldByKey("button[data-hold]", holdOn, letGo);
 document.addEventListener("contextmenu", (event) => event.target.closest("button[data-hold]") && event.preventDefault());
-for (const name of ["pointerup", "pointercancel", "keyup", "focusout", "visibilitychange", "pagehide"]) window.addEventListener(name, letGo, true);
+for (const name of ["pointerup", "pointercancel", "keyup", "visibilitychange", "pagehide"]) window.addEventListener(name, letGo, true);
+window.addEventListener("focusout", (event) => event.target === held?.button && letGo()); // a press takes the focus from another element
 window.addEventListener("blur", letGo); // of the window, not of the previously focused element
 
 document.addEventListener("click", (event) => {

@@ -533,8 +533,9 @@ export function jogBegins(button, make) {
   mine.timer = setInterval(push, 50);
   push();
 }
-for (const name of ["pointerup", "pointercancel", "keyup", "focusout", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
-window.addEventListener("blur", jogEnds); // of the window: the element focused before the button loses its focus, too
+for (const name of ["pointerup", "pointercancel", "keyup", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
+window.addEventListener("blur", jogEnds); // of the window
+window.addEventListener("focusout", (event) => event.target === jog?.button && jogEnds()); // a press takes the focus from another element
 document.addEventListener("visibilitychange", () => (jogEnds(), want()));
 
 // A person who changes pages was present until now: report that, as timeouts without a page in control count from it.
