@@ -156,6 +156,8 @@ def test_without_connection_a_bar_says_so_and_stop_and_power_off_keep_their_plac
         assert page.js("const { width } = document.getElementById('offline').getBoundingClientRect();"
                        "return width === document.documentElement.clientWidth")
         assert page.js(f"return {WORD.format('PSM1')}") == "no data"
+        page.until("document.getElementById('time-shown')?.textContent !== 'live'"
+                   " && !document.getElementById('live')?.classList.contains('on')")
         page.js("window.WebSocket = window.Kept")
         page.until("document.getElementById('offline').hidden", 60)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 from selenium.webdriver.common.keys import Keys
 
@@ -98,8 +96,9 @@ def test_a_page_that_shows_the_past_still_powers_off(robot: Robot) -> None:
         page.take_control()
         homed(page)
         page.until(f"{SHOWN} === 'ENABLED'")
-        time.sleep(2.0)
-        page.js(f"{PRESENT}.goTo(Date.now() - 1000)")
+        enabled = page.js("return Date.now()")
+        page.until(f"Date.now() > {enabled} + 2000")
+        page.js(f"{PRESENT}.goTo({enabled} + 1000)")
         page.until(f"{PAST} && {SHOWN} === 'ENABLED'")
         assert page.js("return document.documentElement.scrollWidth <= innerWidth")
         page.find("body").send_keys(Keys.CONTROL, "o")

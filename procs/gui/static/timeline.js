@@ -1,5 +1,5 @@
 // The timeline: the whole page goes back to an earlier time, and shows clearly that it does. Stop and Power off act on the present.
-import { ask, cell, isPast, note, now, present, rewind, wants } from "./live.js";
+import { ask, cell, isConnected, isPast, note, now, present, rewind, wants } from "./live.js";
 
 const at = (id) => document.getElementById(id);
 const bar = at("timeline");
@@ -159,10 +159,10 @@ function refresh() {
   const oldest = Math.min(begin || now() - 2000, aim ?? Infinity);
   slider.min = -Math.max(2, Math.ceil((now() - oldest) / 1000));
   slider.value = aim === null ? 0 : (aim - now()) / 1000;
-  const text = aim === null ? "live" : aim === shownAt ? `${lasting(now() - aim)} ago` : "loading…";
+  const text = aim === null ? (isConnected() ? "live" : "no connection") : aim === shownAt ? `${lasting(now() - aim)} ago` : "loading…";
   put(at("time-shown"), text);
   if (slider.getAttribute("aria-valuetext") !== text) slider.setAttribute("aria-valuetext", text);
-  at("live").classList.toggle("on", aim === null);
+  at("live").classList.toggle("on", aim === null && isConnected());
   put(at("time-begin"), `${lasting(-1000 * slider.min).replace(/ \d+ s$/, "")} ago`);
   buttons();
   ticks();
