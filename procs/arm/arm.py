@@ -58,7 +58,7 @@ class ArmLogic:
         self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
         self._commands = ArmCommands(control, {
             **JointCommands(control).table, **self.cartesian_commands.table, **Settings(control, arm.base_from).table,
-            "state_command": ArmCommandRow(self._state_command)})
+            "state_command": ArmCommandRow(self._state_command), "hold": ArmCommandRow(self._hold)})
         self._stages: dict[ArmState, Stage] = {
             ArmState.DISABLED: Disabled(self),
             ArmState.POWERING: Powering(self),
@@ -318,3 +318,14 @@ class ArmLogic:
         if self.machine.command(request, "" if self.io.fresh else "io does not answer") and request.origin.id:
             self.control.io_requests.on_behalf(request.origin)
         return ANSWERED
+
+    def _hold(self, request: Request) -> str:
+        """Outside HOMED, commands given before are void: a bring-up under way elsewhere neither powers nor homes us."""
+        control, machine = self.control, self.machine
+        control.streams.interrupt()
+        if machine.state is not ArmState.HOMED:
+            self._around.faults.switched_off(request.origin)
+            return ANSWERED if machine.hold(request) else ""
+        control.stop(self.io.setpoint, Mode.POSITION, "replaced by hold")
+        control.motion.space = Space.JOINT
+        return ""

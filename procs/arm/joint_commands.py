@@ -6,12 +6,11 @@ from trocar.procs.arm.arm_commands import ArmCommandRow, Ready, Table
 from trocar.procs.arm.control import Control
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.states import ArmState
-from trocar.procs.node.requests import ANSWERED
 from trocar.shm.mailbox.received import Request
 
 
 class JointCommands:
-    """servo and move in positions, increments, velocities and efforts; hold, free, and the end of a stream."""
+    """servo and move in positions, increments, velocities and efforts; free, and the end of a stream."""
 
     def __init__(self, control: Control) -> None:
         self._control = control
@@ -23,7 +22,6 @@ class JointCommands:
             "servo_jf": ArmCommandRow(self._servo_jf, joint),
             "move_jp": ArmCommandRow(self._move_jp, joint),
             "move_jr": ArmCommandRow(self._move_jr, joint),
-            "hold": ArmCommandRow(self._hold),
             "end_stream": ArmCommandRow(self._end_stream),
             "free": ArmCommandRow(self._free, joint),
         }
@@ -56,15 +54,6 @@ class JointCommands:
         control = self._control
         control.take_target()[: control.joints.count] += request.values
         return control.move(request, Space.JOINT)
-
-    def _hold(self, request: Request) -> str:
-        control = self._control
-        control.streams.interrupt()
-        if control.machine.state is not ArmState.HOMED:
-            return ANSWERED if control.machine.hold(request) else ""
-        control.stop(control.io.setpoint, Mode.POSITION, "replaced by hold")
-        control.motion.space = Space.JOINT
-        return ""
 
     def _end_stream(self, request: Request) -> None:
         control, streams = self._control, self._control.streams

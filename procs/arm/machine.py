@@ -79,6 +79,8 @@ class ArmStates:
         target = follow(self.state, event)
         if self.state is ArmState.PAUSED and event is ArmEvent.RESUME:
             target = RESUMES[self.paused]
+        elif event is ArmEvent.SET and self.desired is ArmState.PAUSED:
+            target = ArmState.PAUSED
         if target is not self.state:
             self._set(target)
 
@@ -123,15 +125,16 @@ class ArmStates:
         return True
 
     def hold(self, request: Request) -> bool:
-        """The command `hold` outside HOMED: what moves by itself is paused, and no `home` waits for the power. Never
-        refused. Returns whether the request is answered.
+        """The command `hold` outside HOMED, never refused. Returns whether the request is answered.
 
-        ENABLED is paused, too: a `home` of the system may be on its way.
+        What moves by itself is paused. An arm that waits for io stays without power, and one that gets its power does
+        not home.
         """
         if self.state in UP:
             self._carry_out(ArmEvent.PAUSE, request)
             return True
-        if is_enabling(self.state, self.desired):
+        self.forget_desired("hold was requested")
+        if self.state is ArmState.POWERING:
             self.desired = ArmState.ENABLED
             self._answer_pending("hold was requested", spared=(ArmEvent.ENABLE,))
         self.publish()

@@ -70,7 +70,8 @@ TRANSITIONS: dict[tuple[ArmState, ArmEvent], ArmState] = {
                                                                   ArmState.FAULT)},
     (ArmState.FAULT, ArmEvent.ENABLE): ArmState.DISABLED,
     **{(state, ArmEvent.UNHOME): ArmState.ENABLED for state in UP if state is not ArmState.ENABLED},
-    **{(state, ArmEvent.PAUSE): ArmState.PAUSED for state in UP},
+    # SETTING_ROLL, in which nothing moves, ends first: then positions have their new meaning.
+    **{(state, ArmEvent.PAUSE): ArmState.PAUSED for state in UP if state is not ArmState.SETTING_ROLL},
     (ArmState.PAUSED, ArmEvent.RESUME): ArmState.ENABLED,  # or the state that RESUMES gives for the paused one
 
     (ArmState.DISABLED, ArmEvent.ONWARD): ArmState.POWERING,

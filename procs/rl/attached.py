@@ -304,9 +304,9 @@ class AttachedRobot(RobotBackend):
         raise RobotStopped(self._stopped)
 
     def _hold(self) -> None:
-        """Hold all arms that can hold, unless others command them now."""
+        """Hold all arms that can hold, unless others command them now; what a person does with one is not paused."""
         for link, others in zip(self.links, self._others, strict=True):
-            if not link.is_ready or others.look():
+            if not link.is_ready or link.doing != "moving" or others.look():
                 continue
             with contextlib.suppress(MailboxFull, SegmentError):
                 link.send("hold")

@@ -54,10 +54,10 @@ class ArmOnRing:
         self._asked = self._client.send("state_command", (), word)
         return bool(self._asked)
 
-    def hold(self) -> None:
-        """Stop it, after all that was asked of it; setup joints are moved by hand only."""
-        if self._holds:
-            self._client.send("hold")
+    def hold(self, origin: Origin) -> bool:
+        """Stop it, after all that was asked of it; False if it cannot be sent. Setup joints are moved by hand only."""
+        self._client.on_behalf(origin)
+        return not self._holds or bool(self._client.send("hold"))
 
 
 def arms_of(node: Node) -> Sequence[ArmOnRing]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from functools import partial
 
 from trocar.procs.crtk.names import none_such
 from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, carry_out, has_left
@@ -31,6 +32,10 @@ class SystemCommands:
         self.bring_up: BringUp | None = None
         self._asked: list[Request] = []
         """Requests that wait for the end of `bring_up`."""
+        self._stops: list[Callable[[], object]] = []
+        """What stops consoles and arms, tried in each cycle until it is sent."""
+        self._holds: list[Request] = []
+        """Requests that wait for that."""
         self._drawn = drawn
         self._shows: tuple[Request, int] | None = None
         """The request that shows a pose, with its program, while that runs."""
@@ -46,6 +51,11 @@ class SystemCommands:
         self._now_ns = now_ns
         for request in requests:
             carry_out(request, self._table[request.name])
+        self._stops = [send for send in self._stops if not send()]
+        if not self._stops:
+            for request in self._holds:
+                request.done()
+            self._holds.clear()
         if self._shows is not None and has_left(*self._shows):
             self._shows = None
         if self.bring_up is not None:
@@ -76,20 +86,22 @@ class SystemCommands:
         self._asked.append(request)
         return ANSWERED
 
-    def _hold(self, request: Request) -> None:
+    def _hold(self, request: Request) -> str:
         """Arms are held from here, too: what this process has just sent to them comes before."""
         if self.bring_up is not None and self.bring_up.goal != POWER_OFF:
             self.bring_up = None
             self._answer("hold was requested")
         self._stop_teleop()
-        for arm in self._arms:
-            arm.hold()
+        self._stops += [partial(arm.hold, request.origin) for arm in self._arms]
         self._events.status("system: hold", "system")
+        request.accept()
+        self._holds.append(request)
+        return ANSWERED
 
     def _stop_teleop(self) -> None:
         for console in self._consoles:
-            console.send("teleop_enable", (0.0,))
             console.poll()
+            self._stops.append(partial(console.send, "teleop_enable", (0.0,)))
 
     def _end(self, bring_up: BringUp) -> None:
         self.bring_up, problems = None, bring_up.problems

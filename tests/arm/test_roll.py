@@ -113,6 +113,24 @@ def test_a_lost_order_to_set_the_encoder_is_no_end() -> None:
     harness.until(lambda: harness.arm.state == "HOMED")
 
 
+@pytest.mark.parametrize("word", ["hold", "state_command"])
+def test_a_pause_while_the_encoder_is_set_costs_no_power_and_moves_nothing(word: str) -> None:
+    for cycles in range(3):  # io sets it within these
+        harness = finding(MasterHarness())
+        harness.until(lambda harness=harness: harness.arm.state == "RESETTING_ROLL_ENCODER")  # type: ignore[misc]
+        for _ in range(cycles):
+            harness.step()
+        assert (harness.arm.state == "RESETTING_ROLL_ENCODER") is (cycles < 2)
+        request = harness.send(word, (), "pause" if word == "state_command" else "")
+        held = harness.io.position[:ROLL].copy()
+        harness.run(1.0)
+        assert harness.arm.state == "PAUSED" and request.outcomes == ["accepted", "done"], cycles
+        assert harness.io.position[ROLL] == pytest.approx(STOP) and np.allclose(harness.io.position[:ROLL], held)
+        assert not harness.reports.of("error")
+    harness.state_command("resume")
+    harness.until(lambda: harness.arm.state == "HOMED")
+
+
 def test_homing_that_stays_takes_the_roll_off_its_stop() -> None:
     harness = MasterHarness(master(homing_zero_position=False)).homed()
     assert harness.io.position[ROLL] == pytest.approx(STOP + math.radians(10.0), abs=1e-4)

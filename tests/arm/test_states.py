@@ -57,7 +57,7 @@ EXPECTED = {
     ArmState.ENGAGING_TOOL: {ArmEvent.ENGAGED: ArmState.HOMED, **LEAVE},
     ArmState.OWN: {ArmEvent.ENDED: ArmState.HOMED, **LEAVE},
     ArmState.FINDING_ROLL: {ArmEvent.STOPPED: ArmState.SETTING_ROLL, **LEAVE},
-    ArmState.SETTING_ROLL: {ArmEvent.SET: ArmState.HOMING, **LEAVE},
+    ArmState.SETTING_ROLL: {ArmEvent.SET: ArmState.HOMING, **LEAVE, ArmEvent.PAUSE: ArmState.SETTING_ROLL},
     ArmState.PAUSED: {ArmEvent.RESUME: ArmState.ENABLED, ArmEvent.DISABLE: ArmState.DISABLED,
                       ArmEvent.PROBLEM: ArmState.FAULT},
     ArmState.FAULT: {ArmEvent.DISABLE: ArmState.DISABLED, ArmEvent.ENABLE: ArmState.DISABLED},
@@ -163,7 +163,8 @@ def test_hold_is_accepted_in_every_state_and_nothing_moves_after_it(state: str) 
     assert not harness.reports.of("warning") or state == "FAULT"
 
 
-@pytest.mark.parametrize("state", [state for state in (*POWERED, *OWN) if state is not ArmState.HOMED])
+@pytest.mark.parametrize("state", [state for state in (*POWERED, *OWN)  # test_roll.py has SETTING_ROLL
+                                   if state not in (ArmState.HOMED, ArmState.SETTING_ROLL)])
 def test_hold_pauses_whatever_an_arm_does_by_itself(state: ArmState) -> None:
     states = ArmStates("PSM1", cast(Events, FakeReports()), lambda left: None, lambda: False)
     states.place(state)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.arm.fake_io import ArmHarness
 from trocar.shm.mailbox.generations import NoFaults
 from trocar.shm.mailbox.origins import Origin
@@ -83,3 +85,31 @@ def test_io_hears_whose_command_an_arm_carries_out() -> None:
     harness.run(0.1)
     request = harness.state_command("enable")
     assert harness.io.origin == request.origin
+
+
+@pytest.mark.parametrize("state", ["DISABLED", "POWERING", "ENABLED", "HOMING", "PAUSED", "FAULT"])
+def test_a_hold_voids_what_was_asked_for_before(state: str) -> None:
+    harness = VoidedHarness()
+    harness.reach(state)
+    harness.cell.reported.clear()
+    assert harness.send("hold").outcomes[-1] == "done"
+    assert harness.cell.reported == ["off by 1"]
+
+
+def test_a_hold_of_a_homed_arm_ends_its_motion_only() -> None:
+    harness = VoidedHarness()
+    harness.reach("HOMED")
+    harness.cell.reported.clear()
+    harness.send("hold")
+    assert harness.cell.reported == []
+
+
+def test_a_hold_of_an_arm_that_waits_for_io_leaves_it_without_power() -> None:
+    harness = VoidedHarness()
+    harness.run(0.1)
+    harness.io.flag("amps_on", True)  # it cannot begin yet
+    enable = harness.state_command("enable")
+    assert harness.send("hold").outcomes == ["done"]
+    harness.io.flag("amps_on", False)
+    harness.run(1.0)
+    assert harness.arm.state == "DISABLED" and enable.replies[-1] == ("failed", "hold was requested")

@@ -112,7 +112,8 @@ class ScriptedRobot:
                  busy: bool = False, jaw: bool = True, age_s: float = 0.0, stamp_ns: int = 0) -> None:
         """One record of the arm, so old or with that stamp, every joint at `position`."""
         values = {"valid": valid, "cartesian_valid": valid, "reference_valid": valid, "count": 6,
-                  "state": state.encode(), "sub_state": state.encode(), "is_homed": homed,
+                  "state": state.encode(), "is_homed": homed,
+                  "sub_state": b"HOMED" if homed and state == "ENABLED" else state.encode(),
                   "is_busy": busy, "has_jaw": jaw,
                   "jaw_position": position, "jacobian": np.ones((6, 8))}
         for field, value in values.items():

@@ -17,7 +17,7 @@ class FakeArm:
     def __init__(self, name: str, state: str = "DISABLED", takes_s: float = 0.5) -> None:
         self.name, self.state, self.takes_s, self.reason = name, state, takes_s, ""
         self.is_homed = self.is_busy = self.is_done = False
-        self.is_fresh = True
+        self.is_fresh, self.is_deaf = True, False
         self.refusals: list[str] = []
         self.words: list[str] = []
         self.origins: list[Origin] = []
@@ -31,8 +31,12 @@ class FakeArm:
         self._left_s, self.is_busy, self.is_done = self.takes_s, True, False
         return True
 
-    def hold(self) -> None:
+    def hold(self, origin: Origin) -> bool:
+        if self.is_deaf:
+            return False
         self.words.append("hold")
+        self.origins.append(origin)
+        return True
 
     def pass_time(self, seconds: float) -> None:
         self._left_s -= seconds

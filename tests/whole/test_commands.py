@@ -99,6 +99,17 @@ def test_hold_ends_a_bring_up_and_nothing_more_is_sent_after_it(goal: str) -> No
     assert stage.arms[0].words == ["enable", "hold"]
 
 
+def test_hold_is_done_only_when_it_has_been_sent_to_each_arm_in_the_name_of_its_sender() -> None:
+    stage = CommandStage(FakeArm("PSM1", "ENABLED"), FakeArm("PSM2", "ENABLED"))
+    stage.arms[0].is_deaf = True
+    held = stage.ask("hold")
+    assert held.outcome == "accepted" and stage.arms[1].words == ["hold"]
+    stage.arms[0].is_deaf = False
+    stage.commands.execute([], 2)
+    assert held.outcome == "done" and [arm.words for arm in stage.arms] == [["hold"]] * 2
+    assert [arm.origins for arm in stage.arms] == [[held.origin]] * 2
+
+
 def test_hold_does_not_end_a_power_off() -> None:
     stage = CommandStage(FakeArm("PSM1", "ENABLED"))
     off, _ = stage.ask("power_off"), stage.ask("hold")

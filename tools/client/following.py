@@ -165,21 +165,25 @@ class Follower:
 
 
 @contextlib.contextmanager
-def holding_at_end(remotes: Sequence[Remote], what: str) -> Iterator[None]:
+def holding_at_end(arms: Sequence[tuple[Watch, Remote]], what: str) -> Iterator[None]:
     """At any end of `what` all arms get a hold, each independent of the others. HeldUp is reported."""
     with contextlib.ExitStack() as ends:
-        for remote in remotes:
-            ends.callback(_hold, remote)
+        for watch, remote in arms:
+            ends.callback(_hold, watch, remote)
         try:
             yield
         except HeldUp as held:
             raise Problem(f"this program {held}: {what} has ended and the arm holds") from None
 
 
-def _hold(remote: Remote) -> None:
-    """Stay at the present setpoint: moves under way, and velocities of the last row, end."""
+def _hold(watch: Watch, remote: Remote) -> None:
+    """Stay at the present setpoint: moves under way, and velocities of the last row, end.
+
+    An arm that does not show HOMED has left our motion, and what a person does with it since is not to be paused.
+    """
     try:
-        remote.send("hold")
+        if not watch.look() or watch.text("sub_state") == "HOMED":
+            remote.send("hold")
     except (SegmentError, MailboxFull) as error:
         note(f"{remote.instance} could not be commanded to hold: {error}")
 

@@ -164,7 +164,7 @@ def at_the_start(system: str, motions: Sequence[RecordedMotion], start_ns: int, 
     with contextlib.ExitStack() as held:
         time, whole = held.enter_context(SystemTime(system)), begin(system)  # all of it is one command
         arms = [ArmReplay(system, motion, time, whole, held) for motion in motions]
-        held.enter_context(holding_at_end([arm.remote for arm in arms], "the replay"))
+        held.enter_context(holding_at_end([(arm.watch, arm.remote) for arm in arms], "the replay"))
         stamp, followers = np.array([start_ns], np.float64), [arm.follower for arm in arms]
         for arm in arms:
             say(f"moving {arm.motion.arm} to its starting pose", None)

@@ -58,7 +58,7 @@ def stream(
         remote.on_behalf(begin(name))  # the move to the first row and the stream are one command
         follower = Follower(watch, remote, rows.jaw is not None, time)
         count = len(rows) if not seconds else min(len(rows), round(seconds * rate))
-        with holding_at_end([remote], "the stream"):
+        with holding_at_end([(watch, remote)], "the stream"):
             say("moving to the first row", None)
             follower.approach(rows.position[0], None if rows.jaw is None else float(rows.jaw[0]))
             follower.must_be_there()
