@@ -14,7 +14,7 @@ from trocar.shm.mailbox.guard import authorizes, late, unauthorized
 from trocar.shm.mailbox.mailbox_map import MAX_TEXT, MAX_VALUES
 from trocar.shm.mailbox.origins import NO_ORIGIN, Origin
 
-UNAUTHORIZED = "not authorized: needs an operator's command given after the last fault or power-off"
+UNAUTHORIZED = "not authorized: needs an operator's command given after the last fault, power-off or hold"
 
 
 @dataclass
@@ -28,7 +28,7 @@ class FakeCell:
         """See FaultCell."""
         self.valid_from, self.exempt_origin = self.valid_from + 1, 0
 
-    def switched_off(self, origin: Origin) -> None:
+    def void_earlier(self, origin: Origin) -> None:
         """See FaultCell."""
         exempt = origin.id if authorizes(origin, self) else 0
         self.valid_from, self.exempt_origin = self.valid_from + 1, exempt

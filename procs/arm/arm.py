@@ -295,7 +295,7 @@ class ArmLogic:
             self._around.faults.fault()
             control.io_requests.on_behalf(NO_ORIGIN)
         elif state is ArmState.DISABLED and left is not ArmState.FAULT:
-            self._around.faults.switched_off(self._asked_by)
+            self._around.faults.void_earlier(self._asked_by)
         control.io_requests.forget_bias()
         control.io_requests.want_no_fault(False)
         if PUBLISHED[state] != "ENABLED" or state is ArmState.ENABLED:
@@ -324,7 +324,7 @@ class ArmLogic:
         control, machine = self.control, self.machine
         control.streams.interrupt()
         if machine.state is not ArmState.HOMED:
-            self._around.faults.switched_off(request.origin)
+            self._around.faults.void_earlier(request.origin)
             return ANSWERED if machine.hold(request) else ""
         control.stop(self.io.setpoint, Mode.POSITION, "replaced by hold")
         control.motion.space = Space.JOINT

@@ -60,7 +60,7 @@ class IoCommands:
         for command in commands:
             robot = self._carry_out(command)
             if robot >= 0 and command.name == "power_off":
-                self._parts.faults[robot].switched_off(command.origin)
+                self._parts.faults[robot].void_earlier(command.origin)
             if robot >= 0 and command.name in SWITCHING:
                 who = command.origin.program or UNKNOWN
                 self._parts.desired.void(robot, f"{who} requested {command.name} meanwhile")

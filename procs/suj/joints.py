@@ -134,7 +134,7 @@ class SetupJoints:
         if state is SetupState.FAULT:
             self._context.faults.fault()
         elif state is SetupState.DISABLED and left is not SetupState.FAULT:
-            self._context.faults.switched_off(self._asked_by)
+            self._context.faults.void_earlier(self._asked_by)
 
     def _refer(self, place: int) -> None:
         self._reference = place

@@ -4,14 +4,14 @@ One page per system with three cells for each component (an arm, setup joints, a
 alone:
 
 Fault (owner):    F1 count := count + 1       F2 void := fault := sum of all counts
-Power-off (owner): the same, but `fault` stays
+Stop (owner):     the same, but `fault` stays
 Command (person): G1 generation := sum of all counts, before the command is sent
 Check (owner):    the command counts when its generation ≥ void of the component
 
 The sum is the system's fault generation: how many faults there were. Counts only grow, so a sum that was taken before
 F1 is smaller than that of F2, one that was taken after F2 is not. No clock is compared with another; a fault of one
-component does not affect commands to the others. Switching off by a person is not a fault: it voids earlier commands to
-that component, and processes that work with other components continue.
+component does not affect commands to the others. A stop by a person, which is a power-off or the hold of an arm that is
+not homed, is not a fault: it voids earlier commands to that component, and processes that work with others continue.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class NoFaults:
     def fault(self) -> None:
         """No effect."""
 
-    def switched_off(self, origin: Origin) -> None:
+    def void_earlier(self, origin: Origin) -> None:
         """No command becomes void."""
 
 
@@ -115,15 +115,15 @@ class FaultCell:
         self.valid_from: int = faults.words[self._void]
         """Commands of an earlier generation are void."""
         self.exempt_origin = 0
-        """But the command with this number stays valid: it has itself switched the component off."""
+        """But the command with this number stays valid: it has itself stopped the component."""
 
     def fault(self) -> None:
         """A fault has happened: earlier commands are void from now on."""
         self._next(0)
         self._page.words[self._fault] = self.valid_from
 
-    def switched_off(self, origin: Origin) -> None:
-        """The command `origin` removed power: it stays valid if it was; all earlier ones are void."""
+    def void_earlier(self, origin: Origin) -> None:
+        """The command `origin` stopped the component: it stays valid if it was; all earlier ones are void."""
         self._next(origin.id if authorizes(origin, self) else 0)
 
     def _next(self, exempt_origin: int) -> None:

@@ -17,7 +17,7 @@ LATE_NS: Final = 1_000_000_000
 
 
 def authorizes(origin: Origin, cell: Cell) -> bool:
-    """Whether this is an operator's command, given since the last fault or power-off of the cell's component."""
+    """Whether this is an operator's command, given since the last fault or stop of the cell's component."""
     return bool(origin.id) and (origin.generation >= cell.valid_from or origin.id == cell.exempt_origin)
 
 
@@ -27,8 +27,8 @@ def unauthorized(row: CommandRow, text: str, values: Numbers, origin: Origin, ce
         return ""
     before = f" ({origin.program or 'a program'} gave its command earlier)" if origin.id else ""
     stream = "; a stream that began before must pause first" if origin.id and row.stream else ""
-    return (f"{row.name}: not authorized{before}: needs an operator's command given after the last fault or "
-            f"power-off{stream}")
+    return (f"{row.name}: not authorized{before}: needs an operator's command given after the last fault, "
+            f"power-off or hold{stream}")
 
 
 def late(row: CommandRow, text: str, values: Numbers, waited_ns: int) -> str:

@@ -18,7 +18,7 @@ class VoidCell(NoFaults):
     def fault(self) -> None:
         self.reported.append("fault")
 
-    def switched_off(self, origin: Origin) -> None:
+    def void_earlier(self, origin: Origin) -> None:
         self.reported.append(f"off by {origin.id}")
 
 

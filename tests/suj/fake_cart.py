@@ -60,8 +60,8 @@ class LoggedCell(FakeCell):
         super().fault()
         self.log.append("fault")
 
-    def switched_off(self, origin: Origin) -> None:
-        super().switched_off(origin)
+    def void_earlier(self, origin: Origin) -> None:
+        super().void_earlier(origin)
         self.log.append(f"switched off by {origin.id}")
 
 
@@ -123,7 +123,7 @@ class FakeCartIo(Guarded):
         elif name == "power_on":
             self.flags["power_requested"], self.flags["fault"], self.power_at_ns = 1, 0, self.stamp_ns + 40 * MS
         elif name == "power_off":
-            self.cell.switched_off(self.origin)
+            self.cell.void_earlier(self.origin)
             self.flags |= {"power_requested": 0, "powered": 0, "amps_on": 0, "pid_enabled": 0}
         elif name == "pid_enable":
             self.flags |= {"pid_enabled": 1, "pid_generation": self.flags["pid_generation"] + 1}

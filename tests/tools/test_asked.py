@@ -56,7 +56,7 @@ def test_commands_of_all_processes_come_in_order_with_whose_they_are(system: str
         f"PSM1: state_command home: accepted; for trocar home, number 4d2, generation 3 by system {pid}",
         f"PSM1: state_command home: done (HOMED); for trocar home, number 4d2, generation 3 by system {pid}",
         "ECM: state_command home: refused (state_command: not authorized: needs an operator's command given after the "
-        f"last fault or power-off); without an operator's command by console {pid}"]
+        f"last fault, power-off or hold); without an operator's command by console {pid}"]
     assert [row["process"] for row in asked_rows(system, "ECM", 20)[0]] == ["ECM"]
 
 

@@ -118,7 +118,7 @@ class StubNode:
 
     def fault_cell(self) -> Any:
         return SimpleNamespace(void=0, spared=0, fault=lambda: self.log.append("fault"),
-                               switched_off=lambda origin: self.log.append(f"switched off by {origin}"))
+                               void_earlier=lambda origin: self.log.append(f"switched off by {origin}"))
 
     def mailbox(self, faults: Any) -> Any:
         self.voids = faults

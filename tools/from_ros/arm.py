@@ -119,7 +119,7 @@ class ArmFromRos(UserLoop):
                 self._faults.fault()
                 self.place.error(f"{self.name} is in FAULT on ROS")
             elif was == ENABLED:
-                self._faults.switched_off(NO_ORIGIN)
+                self._faults.void_earlier(NO_ORIGIN)
 
     def _write(self) -> None:
         """A record for the newest pose."""

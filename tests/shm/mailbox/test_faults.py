@@ -66,7 +66,7 @@ def test_who_works_with_some_sees_their_last_fault_and_no_power_off(page: Faults
     watched = Watched(page, ("PSM1", "PSM2", "somebody's own"))
     cell, alone = FaultCell(page, "PSM1"), FaultCell(page, "IO1/PSM1")
     alone.fault()
-    cell.switched_off(Origin(77, 0, "trocar home"))
+    cell.void_earlier(Origin(77, 0, "trocar home"))
     assert watched.valid_from == 0
     cell.fault()
     assert watched.valid_from == cell.valid_from == 3

@@ -105,7 +105,7 @@ def test_a_process_that_nobody_asked_is_refused(box: Mailbox, loop: LoopClient) 
     assert ran(box) == []
     (reply,) = loop.poll()
     assert (reply.outcome, reply.text) == (
-        "refused", "state_command: not authorized: needs an operator's command given after the last fault or power-off")
+        "refused", "state_command: not authorized: needs an operator's command given after the last fault, power-off or hold")
 
 
 def test_a_process_passes_on_whose_command_it_carries_out(box: Mailbox, loop: LoopClient) -> None:
@@ -134,7 +134,7 @@ def test_an_order_from_before_a_fault_counts_for_nothing_whoever_passes_it_on_wh
     assert ran(box) == []
     (reply,) = loop.poll()
     assert "not authorized" in reply.text and "trocar home" in reply.text
-    cell.switched_off(Origin(77, 0, "trocar home"))  # a stop is never refused, but makes no void command valid
+    cell.void_earlier(Origin(77, 0, "trocar home"))  # a stop is never refused, but makes no void command valid
     loop.send("state_command", (), "enable")
     assert ran(box) == []
 
@@ -154,7 +154,7 @@ def test_a_power_off_voids_older_orders_but_not_the_one_that_it_was_part_of(
 ) -> None:
     person.send("move_jp", (0.1,) * 6)  # before
     loop.on_behalf(Origin(77, 0, "trocar home"))
-    cell.switched_off(Origin(77, 0, "trocar home"))
+    cell.void_earlier(Origin(77, 0, "trocar home"))
     loop.send("state_command", (), "enable")
     assert ran(box) == ["state_command"]
     cell.fault()
