@@ -149,7 +149,7 @@ classdef arm < trocar.instance & trocar.joints
         end
 
         function hold(self)
-            % End motion and hold the setpoint. Outside HOMED: pauses; state_command resume continues.
+            % End motion and hold the setpoint. Powered but not homed: pauses; state_command resume continues.
             self.command('hold', []);
         end
 
