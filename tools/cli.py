@@ -88,7 +88,7 @@ VERBS: tuple[Verb, ...] = (
     )),
     Verb("new-arm", "new_arm.verb:new_arm", "Write the configuration files of a new arm."),
     Verb("commission",
-         "commission.verb:commission", "Prepare a robot for its first motion, stage by stage.", moves=True),
+         "commission.verb:commission", "Commission a robot, stage by stage; powers and moves it.", moves=True),
     Verb("check", "verbs.check:check", "Validate configuration files."),
     Verb("kinematics", "", "Compute the kinematics and gravity torques of an arm from its files.", parts=(
         Verb("fk", "verbs.kinematics:fk", "Pose of the tip."),

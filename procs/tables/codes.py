@@ -226,8 +226,9 @@ WALL_OFF: Final = Code(
     "the position of a wall is not known; the wall's key `unknown` decides whether the wall is off or the arm holds",
     "set the base frame, or home the setup joints")
 OTHER_ARM_GONE: Final = Code(
-    "other-arm-gone", WARNING, "arm", "an arm that a wall keeps this one away from was near, and has no instrument now",
-    "look whether the instrument is really out; until it is on again, nothing keeps this arm away from it")
+    "other-arm-gone", WARNING, "arm",
+    "the instrument of a near arm is no longer detected; the wall no longer keeps this arm away from it",
+    "check whether the instrument was really removed; the wall acts again when an instrument is attached")
 CLIPPED: Final = Code(
     "clipped", WARNING, "arm", "a goal was beyond the limits of a joint, and was clipped",
     "give goals within the joint limits")

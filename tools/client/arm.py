@@ -134,7 +134,7 @@ class Arm(Instance, Joints):
         self._is_limited = is_limited
 
     def hold(self) -> None:
-        """Stay at the present setpoint."""
+        """End motion and hold the setpoint. Powered but not homed: pauses; `state_command("resume")` continues."""
         self._remote.ask("hold")
 
     def free(self) -> None:

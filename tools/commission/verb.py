@@ -96,7 +96,7 @@ def commission(
     system: Annotated[str, typer.Option("--system", metavar="NAME", help="Name of the system during commissioning."),
     ] = default_system(NAME),
 ) -> int:
-    """Prepare a robot for its first motion, in stages: from finding the boards to moving slowly.
+    """Commission a robot in stages, from finding the boards to moving slowly. The later stages power and move it.
 
     First read docs/first-hardware.md. Each stage stops at the first problem, and names the remedy. The same command
     then resumes after the last stage that passed.

@@ -50,7 +50,8 @@ def record(
     """Record topics to a file, with every event and command. Ctrl-C ends the recording.
 
     If this program ends, e.g. because its terminal is closed, the recording also ends. With --detach, it continues
-    until --stop. docs/recordings.md describes the files. Exit code 1: records are missing.
+    until --stop, or until the time of --for has passed. docs/recordings.md describes the files. Exit code 1: records
+    are missing.
 
     Example: trocar record grasp PSM1 IO1/state --for 2
     """

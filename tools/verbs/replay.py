@@ -53,7 +53,8 @@ def replay(
 
     Move arms, the default: homed arms of a running system move slowly to the start of the recording. They then follow
     the recorded setpoints at the recorded speed; with --commands, recorded commands such as move_jp are sent instead. A
-    real robot needs --real-robot. Ctrl-C, or an arm in FAULT, ends the replay; all other arms hold their position.
+    real robot needs --real-robot. Ctrl-C, or an arm in FAULT, ends the replay; the arms that are not in FAULT then
+    hold.
 
     Show the records: --as NAME starts a read-only system NAME. `trocar list`, `trocar echo`, `trocar scope` and the
     bridges can read it.

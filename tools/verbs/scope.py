@@ -35,7 +35,7 @@ def scope(
         "--when", metavar="CONDITION", help="Condition that triggers the plot; default: plot now.")] = "",
     before: Annotated[float | None, typer.Option(
         "--before", min=0.0, max=MAX_S,
-        help="Seconds before the trigger; default: 0.5.")] = None,
+        help="Seconds before the trigger or, without --when, before now; default: 0.5.")] = None,
     after: Annotated[float | None, typer.Option(
         "--after", min=0.0, max=MAX_S, help="Seconds after the trigger; default: 0.5.")] = None,
     timeout: Annotated[float | None, typer.Option(
@@ -54,8 +54,8 @@ def scope(
 ) -> int:
     """Plot fields of topics at full rate, like an oscilloscope.
 
-    Without --when, scope plots the last 0.5 s. With --when CONDITION, scope waits until the condition becomes
-    true, and plots the time around this trigger. Exit code 1: no trigger.
+    Without --when, scope plots the last 0.5 s. With --when CONDITION, scope waits for the first new record that meets
+    CONDITION, and plots the time around this trigger. Exit code 1: no trigger.
 
     CONDITION has one of four forms: `FIELD OP VALUE`, `abs(FIELD) OP VALUE`, `event NAME WHAT`, `fault NAME`. OP is one
     of > >= < <= == and !=. VALUE is a number, or a word such as FAULT. NAME is a process. WHAT is a severity, a code,

@@ -149,7 +149,7 @@ classdef arm < trocar.instance & trocar.joints
         end
 
         function hold(self)
-            % Stay at the present setpoint.
+            % End motion and hold the setpoint. Powered but not homed: pauses; state_command resume continues.
             self.command('hold', []);
         end
 
