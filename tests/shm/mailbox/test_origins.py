@@ -105,7 +105,8 @@ def test_a_process_that_nobody_asked_is_refused(box: Mailbox, loop: LoopClient) 
     assert ran(box) == []
     (reply,) = loop.poll()
     assert (reply.outcome, reply.text) == (
-        "refused", "state_command: not authorized: needs an operator's command given after the last fault, power-off or hold")
+        "refused",
+        "state_command: not authorized: needs an operator's command given after the last fault, power-off or hold")
 
 
 def test_a_process_passes_on_whose_command_it_carries_out(box: Mailbox, loop: LoopClient) -> None:
