@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.arm.test_neighbours import NEAR_X, beside, shifted
+from tests.arm.test_neighbours import NEAR_X, beside, pytestmark, shifted
 from tests.arm.test_walls import pose, tip
 from trocar.procs.tables.arm_types import base_name
 
+__all__ = ["pytestmark"]  # the same condition
 
 def test_the_setpoint_slows_down_to_half_of_what_it_may_before_a_wall() -> None:
     made, _ = beside()
