@@ -11,6 +11,7 @@ from trocar.procs.tables.arm_types import base_name
 
 __all__ = ["pytestmark"]  # the same condition
 
+
 def test_the_setpoint_slows_down_to_half_of_what_it_may_before_a_wall() -> None:
     made, _ = beside()
     distances = []
